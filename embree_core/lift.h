@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+// Role: depth map -> mesh. Stage: lift (paper III-B; method.md sections 1 and 2).
+//
+// The mesh is a watertight height field in (u, v, 1/z). Where four neighbouring pixels lie on one
+// surface, their centres span a kept quad. Where they do not (a tear), every pixel keeps a quarter of
+// the cell, its 1/z extrapolated by half a pixel from its own side, and a torn wall stands on the line
+// between, from the near to the far side. The image's border is a tear to nothing: surfaces end half
+// a pixel outside the outermost centres, without a wall. Beside a pixel without a measurement the
+// walls reach to the camera's centre, for nothing is known along that pixel's ray.
+#pragma once
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "embree_core/camera.h"
+#include "embree_core/types.h"
+
+namespace vshift {
+
+/// When two neighbouring pixels are torn apart: the second difference of 1/z breaks on both sides
+/// (on a plane it is zero) and the step is seen as more than `tear_px` of disparity.
+struct LiftOptions {
+    /// Distance between the recorded and the shifted camera's centres: turns a step of 1/z into
+    /// pixels of disparity. 0 tears nothing.
+    double baseline_m = 0;
+    double tear_px = 2.0;
+    /// Share of the step of 1/z that the second differences must reach.
+    double tear_break = 0.5;
+};
+
+struct LiftedVertex {
+    float x, y, z, w;  ///< camera coordinates in metres; w pads to 16 bytes for the ray tracer
+};
+/// Corners in order round the quad; a triangle repeats its last corner.
+using LiftedQuad = std::array<uint32_t, 4>;
+
+/// The mesh of one depth map, in the camera's own frame.
+struct LiftedMesh {
+    Intrinsics intrinsics;
+    std::vector<LiftedVertex> vertices;  ///< the first width*height are the pixel centres, row-major
+    std::vector<LiftedQuad> kept;        ///< lie on one observed surface
+    std::vector<LiftedQuad> torn;        ///< walls across a discontinuity
+    Grid<float> inverse_depth;           ///< 1/z at pixel centres; 0 is sky; NaN no measurement
+    Grid<uint8_t> tears;                 ///< bit 0: torn from the right neighbour, bit 1: from the lower
+    uint64_t invalid_px = 0;             ///< NaN, 0, negative
+    uint64_t sky_px = 0;
+};
+
+/// `depth` has the intrinsics' size (Error bad_input otherwise). Any content is accepted: what is no
+/// measurement is counted.
+LiftedMesh lift(const Intrinsics& intrinsics, const DepthMap& depth, const LiftOptions& options);
+
+/// 1/z of the mesh's surface at an image position: 0 for sky, NaN where there is no measurement or
+/// outside the image. A point with larger 1/z at that position was seen through: it is free.
+float surface_inverse_depth(const LiftedMesh& mesh, glm::dvec2 u_px);
+
+}  // namespace vshift

@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: Apache-2.0
+// Role: the masks of the recorded view, the paper's M (III-C; method.md section 2). Stage: mask.
+#pragma once
+#include "embree_core/view.h"
+
+namespace vshift {
+
+/// Per pixel of R, 0 or 1. `lost` = occluded or outside. `unknown` never overlaps `occluded`;
+/// `outside` depends on V's frame alone and may overlap either.
+struct RecordedMasks {
+    Mask lost, occluded, outside, unknown, unseen;
+};
+
+/// `clear_m`: radius of the ball round V's centre that is taken as free space (the ego must fit).
+/// With more than one view in the rig hidden space is carved by all of them.
+RecordedMasks mask(const LiftedRig& rig, const ShiftedCamera& shifted, double clear_m);
+
+}  // namespace vshift

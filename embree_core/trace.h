@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+// Role: rays against meshes. trace.cpp is the only file that includes Embree (3 or 4).
+// Scenes are built robust: no ray slips between two primitives that share an edge.
+#pragma once
+#include <cstdint>
+#include <glm/glm.hpp>
+#include <memory>
+#include <string>
+
+#include "embree_core/lift.h"
+
+namespace vshift {
+
+inline constexpr uint32_t no_primitive = 0xffffffffu;
+
+struct Hit {
+    float t = 0;
+    uint32_t primitive = no_primitive;
+    glm::vec3 normal{0};  ///< geometric, not normalised
+    explicit operator bool() const { return primitive != no_primitive; }
+};
+
+/// A built, immutable scene: safe to use from any number of threads.
+class TracedScene {
+public:
+    /// Vertices are copied; quads that repeat their last corner are triangles.
+    TracedScene(const std::vector<LiftedVertex>& vertices, const std::vector<LiftedQuad>& quads);
+    TracedScene(std::vector<LiftedVertex> vertices, const std::vector<std::array<uint32_t, 3>>& triangles);
+    ~TracedScene();
+    TracedScene(TracedScene&&) noexcept;
+    TracedScene& operator=(TracedScene&&) noexcept;
+
+    /// Anything on origin + t direction, t_min <= t <= t_max? Not for NaN input.
+    bool occluded(const glm::vec3& origin, const glm::vec3& direction, float t_min, float t_max) const;
+    /// The nearest such hit.
+    Hit intersect(const glm::vec3& origin, const glm::vec3& direction, float t_min, float t_max) const;
+    bool empty() const { return impl_ == nullptr; }
+
+private:
+    struct Impl;
+    std::unique_ptr<Impl> impl_;
+};
+
+/// "Embree 3.13.5"
+std::string tracer_version();
+
+/// Casts known rays at a known quad; false when another library answers for ours.
+bool tracer_self_test();
+
+}  // namespace vshift
