@@ -2,6 +2,7 @@
 // Role: rays against meshes. trace.cpp is the only file that includes Embree (3 or 4).
 // Scenes are built robust: no ray slips between two primitives that share an edge.
 #pragma once
+#include <array>
 #include <cstdint>
 #include <glm/glm.hpp>
 #include <memory>
