@@ -45,7 +45,8 @@ struct RectPx {
 
 /// One mask that is known without any ray: what it is called in a request, the rule, the pixels.
 struct ClosedForm {
-    std::string out;      ///< "mask" (recorded view) or "holes" (shifted view)
+    std::string out;      ///< "mask" (recorded view), "holes" (shifted view), or "truth" where what
+                          ///< one camera can know is less than what is so
     std::string channel;  ///< "occluded", "outside", "unknown", "hole", ...
     std::string rule;
     Mask expected;
