@@ -94,6 +94,7 @@ TracedScene::TracedScene(std::vector<LiftedVertex> vertices,
                                    triangles.size());
 }
 
+TracedScene::TracedScene() = default;
 TracedScene::~TracedScene() = default;
 TracedScene::TracedScene(TracedScene&&) noexcept = default;
 TracedScene& TracedScene::operator=(TracedScene&&) noexcept = default;

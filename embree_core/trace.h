@@ -24,6 +24,7 @@ struct Hit {
 /// A built, immutable scene: safe to use from any number of threads.
 class TracedScene {
 public:
+    TracedScene();  ///< nothing in it: every ray misses
     /// Vertices are copied; quads that repeat their last corner are triangles.
     TracedScene(const std::vector<LiftedVertex>& vertices, const std::vector<LiftedQuad>& quads);
     TracedScene(std::vector<LiftedVertex> vertices, const std::vector<std::array<uint32_t, 3>>& triangles);

@@ -1,0 +1,148 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "embree_core/answer.h"
+
+#include <chrono>
+#include <cmath>
+
+#include "embree_core/holes.h"
+#include "embree_core/mask.h"
+#include "embree_core/version.h"
+
+namespace vshift {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+double ms_since(Clock::time_point start) {
+    return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+}
+
+std::vector<float> plane_of(const Mask& mask) { return {mask.data.begin(), mask.data.end()}; }
+
+std::string number(double value) {
+    char text[32];
+    std::snprintf(text, sizeof text, "%.9g", value);
+    for (char& c : text)
+        if (c == ',') c = '.';  // a host may have set a locale
+    return text;
+}
+
+/// Row-major numbers of a 4x4 camera_from_world, separated by spaces.
+std::string matrix_text(const Pose& pose) {
+    std::string text;
+    for (int row = 0; row < 4; ++row)
+        for (int column = 0; column < 4; ++column) {
+            const double value = row == 3 ? column == 3 : column == 3 ? pose.translation_m[row] : pose.rotation[column][row];
+            text += (text.empty() ? "" : " ") + number(value);
+        }
+    return text;
+}
+
+}  // namespace
+
+void FrameFiles::keep_frame(int frame) {
+    if (frame == frame_) return;
+    depths_.clear();
+    colors_.clear();
+    frame_ = frame;
+}
+
+const DepthMap& FrameFiles::depth(const std::string& camera, int frame) {
+    keep_frame(frame);
+    if (const auto found = depths_.find(camera); found != depths_.end()) return found->second;
+    const CameraSpec& spec = recipe_.camera(camera);
+    return depths_[camera] = read_depth(recipe_.path(spec.depth, frame), spec.depth_channel, spec.depth_scale_m,
+                                        spec.intrinsics.width, spec.intrinsics.height);
+}
+
+const ColorImage& FrameFiles::color(const std::string& camera, int frame) {
+    keep_frame(frame);
+    if (const auto found = colors_.find(camera); found != colors_.end()) return found->second;
+    const CameraSpec& spec = recipe_.camera(camera);
+    if (spec.image.empty())
+        throw Error(ExitCode::bad_input, recipe_.file.string() + ": " + camera + ": image: got nothing, expected a picture to warp");
+    return colors_[camera] = read_color(recipe_.path(spec.image, frame), spec.intrinsics.width, spec.intrinsics.height);
+}
+
+Answer answer(const Recipe& recipe, const Request& request, FrameFiles& files) {
+    const CameraSpec& own = recipe.camera(request.camera);
+    const Pose world_from_own_ego = recipe.world_from_ego(own.name, request.frame);
+    const ShiftedCamera shifted{own.intrinsics,
+                                compose(world_from_own_ego, shifted_ego_from_cam(own.ego_from_cam, request.shift))};
+    Answer out;
+    LiftedRig rig;
+    std::vector<ColorImage> images;
+    const bool colors = request.out == "warp";
+    for (const CameraSpec& camera : recipe.cameras) {
+        if (request.from == Source::self && camera.name != own.name) continue;
+        auto start = Clock::now();
+        const DepthMap& depth = files.depth(camera.name, request.frame);
+        if (colors) images.push_back(files.color(camera.name, request.frame));
+        out.times.read_ms += ms_since(start);
+        start = Clock::now();
+        if (camera.name == own.name) rig.own = int(rig.views.size());
+        rig.views.push_back(lift_view(camera.name, camera.intrinsics, recipe.world_from_cam(camera.name, request.frame),
+                                      depth, shifted.world_from_cam.translation_m));
+        out.times.lift_ms += ms_since(start);
+        out.kept_quads += rig.views.back().mesh.kept.size();
+        out.torn_quads += rig.views.back().mesh.torn.size();
+    }
+    const LiftedView& own_view = rig.views[size_t(rig.own)];
+    out.invalid_px = own_view.mesh.invalid_px;
+    out.sky_px = own_view.mesh.sky_px;
+    const glm::dvec3 centre_own = inverse(own_view.world_from_cam).point(shifted.world_from_cam.translation_m);
+    if (const auto u = project(own.intrinsics, centre_own); u && centre_own.z > 1e-6)
+        out.centre_hidden = 1.0 / centre_own.z < double(surface_inverse_depth(own_view.mesh, *u));
+
+    const auto start = Clock::now();
+    Channels& image = out.image;
+    image.width = own.intrinsics.width;
+    image.height = own.intrinsics.height;
+    if (request.out == "mask") {
+        const RecordedMasks m = mask(rig, shifted, request.clear_m);
+        image.add("lost", plane_of(m.lost));
+        image.add("occluded", plane_of(m.occluded));
+        image.add("outside", plane_of(m.outside));
+        image.add("unknown", plane_of(m.unknown));
+        image.add("unseen", plane_of(m.unseen));
+    } else {
+        const ShiftedHoles h = holes(rig, shifted);
+        if (request.out == "holes") {
+            image.add("hole", plane_of(h.hole));
+            image.add("disoccluded", plane_of(h.disoccluded));
+            image.add("outside", plane_of(h.outside));
+        } else {
+            const ColorImage warped = warp(rig, h, images);
+            for (int c = 0; c < 3; ++c) {
+                std::vector<float> plane(warped.size());
+                for (size_t i = 0; i < plane.size(); ++i) plane[i] = warped.data[i][c];
+                image.add(std::string(1, "RGB"[c]), std::move(plane));
+            }
+            image.add("Z", h.depth.data);
+            image.add("hole", plane_of(h.hole));
+        }
+    }
+    out.times.cast_ms = ms_since(start);
+
+    const glm::dvec3 s = request.shift.translation_m;
+    const Intrinsics& k = own.intrinsics;
+    auto& meta = image.metadata;
+    meta["vshift:version"] = version_string;
+    meta["vshift:out"] = request.out;
+    meta["vshift:camera"] = own.name;
+    meta["vshift:frame"] = std::to_string(request.frame);
+    meta["vshift:shift_m"] = number(s.x) + " " + number(s.y) + " " + number(s.z);
+    meta["vshift:yaw_deg"] = number(request.shift.yaw_rad * (180 / 3.14159265358979323846));
+    meta["vshift:from"] = request.from == Source::rig ? "rig" : "self";
+    meta["vshift:method"] = request.method;
+    meta["vshift:clear_m"] = number(request.clear_m);
+    meta["vshift:intrinsic"] = number(k.fx) + " 0 " + number(k.cx) + " 0 " + number(k.fy) + " " + number(k.cy) + " 0 0 1";
+    const Pose seen_from = request.out == "mask" ? own_view.world_from_cam : shifted.world_from_cam;
+    meta["vshift:worldToCamera"] = matrix_text(inverse(seen_from));
+    meta["vshift:invalid_px"] = std::to_string(out.invalid_px);
+    meta["vshift:sky_px"] = std::to_string(out.sky_px);
+    meta["vshift:centre_hidden"] = out.centre_hidden ? "1" : "0";
+    return out;
+}
+
+}  // namespace vshift

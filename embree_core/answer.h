@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+// Role: from a recipe and a request to the channels of the answer: reads the files that the request
+// needs, runs lift -> trace -> mask | holes | warp. The command line and the plugin both call this, so
+// they give the same pixels.
+#pragma once
+#include <map>
+#include <string>
+
+#include "embree_core/image_file.h"
+#include "embree_core/recipe.h"
+
+namespace vshift {
+
+/// Depth maps and pictures that several requests of one frame share. Not safe across threads.
+class FrameFiles {
+public:
+    explicit FrameFiles(const Recipe& recipe) : recipe_(recipe) {}
+    const DepthMap& depth(const std::string& camera, int frame);
+    const ColorImage& color(const std::string& camera, int frame);
+
+private:
+    void keep_frame(int frame);
+    const Recipe& recipe_;
+    int frame_ = -1;
+    std::map<std::string, DepthMap> depths_;
+    std::map<std::string, ColorImage> colors_;
+};
+
+struct AnswerTimes {
+    double read_ms = 0, lift_ms = 0, cast_ms = 0;
+};
+
+struct Answer {
+    Channels image;               ///< channels as in contract order; metadata says what was asked and counted
+    uint64_t invalid_px = 0;      ///< pixels of the own depth map without a measurement
+    uint64_t sky_px = 0;
+    uint64_t kept_quads = 0, torn_quads = 0;  ///< over all views that were lifted
+    bool centre_hidden = false;   ///< V's centre lies behind what the own camera saw: hidden space
+    AnswerTimes times;
+};
+
+/// `request.camera` names one camera. Throws Error (recipe, files, sizes).
+Answer answer(const Recipe& recipe, const Request& request, FrameFiles& files);
+
+}  // namespace vshift

@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+// vshift: exact occlusion masks for shifted cameras. See docs/conventions.md for exit codes.
+#include <cstdio>
+#include <new>
+
+#include "embree_core/cli/progress.h"
+#include "embree_core/cli/verbs.h"
+#include "embree_core/trace.h"
+#include "embree_core/types.h"
+#include "embree_core/version.h"
+
+int main(int argc, char** argv) {
+    using namespace vshift;
+    const auto fail = [](ExitCode code, const std::string& message) {
+        std::fprintf(stderr, "vshift: %s\n", message.c_str());
+        return int(code);
+    };
+    try {
+        cli::catch_interrupts();
+        CLI::App app{"Exact occlusion masks, holes and warps for a shifted camera rig, and their scores."};
+        app.name("vshift");
+        app.set_version_flag("--version", [] { return std::string("vshift ") + version_string + ", " + tracer_version(); });
+        app.require_subcommand(1);
+        cli::add_answer_verbs(app);
+        cli::add_score_verb(app);
+        cli::add_check_verb(app);
+        cli::add_report_verb(app);
+        try {
+            app.parse(argc, argv);
+        } catch (const CLI::Success& e) {
+            return app.exit(e);  // --help, --version
+        } catch (const CLI::ParseError& e) {
+            return fail(ExitCode::bad_input, std::string("usage: ") + e.what() + " (vshift --help lists what there is)");
+        }
+        return int(ExitCode::done);
+    } catch (const Error& e) {
+        return fail(e.code(), e.what());
+    } catch (const std::bad_alloc&) {
+        return fail(ExitCode::over_limit, "memory: got none, expected enough for the request");
+    } catch (const std::exception& e) {
+        return fail(ExitCode::our_bug, std::string("internal: got ") + e.what() + ", expected no exception (please report this)");
+    }
+}

@@ -1,0 +1,196 @@
+// SPDX-License-Identifier: Apache-2.0
+// vshift mask | holes | warp: one view, or every frame, camera and shift of a set.
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <set>
+
+#include "embree_core/answer.h"
+#include "embree_core/benchmark_set.h"
+#include "embree_core/cli/progress.h"
+#include "embree_core/cli/verbs.h"
+
+namespace vshift::cli {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::ordered_json;
+
+struct Options {
+    std::string recipe, output, out_dir, json, csv;
+    std::vector<std::pair<std::string, std::string>> request;
+    std::vector<std::string> channels;
+    bool all_frames = false, all_shifts = false;
+};
+
+ordered_json row_of(const Request& request, const std::string& shift, const Answer& a) {
+    ordered_json row = {{"method", request.from == Source::rig ? "rig" : "self"}, {"out", request.out}, {"shift", shift},
+                        {"frame", request.frame}, {"camera", request.camera}, {"width", a.image.width}, {"height", a.image.height},
+                        {"read_ms", a.times.read_ms}, {"lift_ms", a.times.lift_ms}, {"build_ms", 0.0}, {"cast_ms", a.times.cast_ms},
+                        {"invalid_px", a.invalid_px}, {"sky_px", a.sky_px}, {"kept_quads", a.kept_quads},
+                        {"torn_quads", a.torn_quads}, {"centre_hidden", a.centre_hidden}};
+    for (size_t c = 0; c < a.image.names.size(); ++c) {
+        const std::string& name = a.image.names[c];
+        if (name == "R" || name == "G" || name == "B" || name == "Z") continue;
+        uint64_t set = 0;
+        for (float v : a.image.planes[c]) set += v > 0.5f;
+        row[name + "_px"] = set;
+    }
+    return row;
+}
+
+std::string csv_of(const ordered_json& rows) {
+    std::string text;
+    for (const auto& row : rows) {
+        std::string head, line;
+        for (const auto& [key, value] : row.items()) {
+            head += (head.empty() ? "" : ",") + key;
+            line += (line.empty() ? "" : ",") + (value.is_string() ? value.get<std::string>() : value.dump());
+        }
+        if (text.empty()) text = head + "\n";
+        text += line + "\n";
+    }
+    return text;
+}
+
+void write_text(const std::string& file, const std::string& text) {
+    if (file.empty()) return;
+    if (file == "-")
+        std::fwrite(text.data(), 1, text.size(), stdout);
+    else
+        write_whole_file(file, text);
+}
+
+void make_folders(const fs::path& folder) {
+    std::error_code error;
+    fs::create_directories(folder, error);
+    if (error) throw Error(ExitCode::io_failed, folder.string() + ": folder: got " + error.message() + ", expected to make it");
+}
+
+Channels chosen(const Channels& image, const std::vector<std::string>& names) {
+    if (names.empty()) return image;
+    Channels out;
+    out.width = image.width;
+    out.height = image.height;
+    out.metadata = image.metadata;
+    for (const std::string& name : names) out.add(name, image.plane(name));
+    return out;
+}
+
+void run(const std::string& verb, const Options& options) {
+    const Recipe recipe = load_recipe(options.recipe);
+    auto pairs = options.request;
+    pairs.emplace_back("out", verb);
+    const Request base = resolve_request(recipe, pairs);
+    const bool many = !options.out_dir.empty();
+    if (many == !options.output.empty())
+        throw Error(ExitCode::bad_input, "usage: got " + std::string(many ? "both" : "neither") + " of -o and --out-dir, expected one of them");
+    const auto cameras = requested_cameras(recipe, base);
+    if (!many && (cameras.size() > 1 || options.all_frames || options.all_shifts))
+        throw Error(ExitCode::bad_input, "usage: got " + std::to_string(cameras.size()) + " cameras, all frames or all shifts, expected --out-dir DIR for more than one view (or --camera NAME)");
+
+    std::unique_ptr<Manifest> manifest;
+    const fs::path set_dir = recipe.file.parent_path().empty() ? fs::path(".") : recipe.file.parent_path();
+    if (fs::exists(set_dir / "manifest.json")) manifest = std::make_unique<Manifest>(set_dir);
+    std::vector<NamedShift> shifts{{shift_name(base.shift), base.shift}};
+    if (options.all_shifts) {
+        if (!manifest) throw Error(ExitCode::io_failed, (set_dir / "manifest.json").string() + ": file: got none, expected the set's list of shifts");
+        shifts = manifest->shifts();
+    }
+    std::vector<int> frames{base.frame};
+    if (options.all_frames) {
+        frames.clear();
+        for (const FrameSpec& f : recipe.frames) frames.push_back(f.index);
+    }
+
+    // Results that lie in the set are its items: recorded as they come, and not made twice.
+    fs::path item_folder;
+    if (many && manifest) {
+        std::error_code error;
+        const fs::path relative = fs::relative(options.out_dir, set_dir, error);
+        if (!error && !relative.empty() && *relative.begin() != ".." && relative != ".") item_folder = relative;
+    }
+    ordered_json rows = ordered_json::array();
+    const fs::path run_file = fs::path(options.out_dir) / "run.json";
+    std::set<std::string> kept;
+    ordered_json earlier = ordered_json::array();
+    if (!item_folder.empty() && fs::exists(run_file)) earlier = ordered_json::parse(read_whole_file(run_file, size_t(256) << 20), nullptr, false);
+    if (!earlier.is_array()) earlier = ordered_json::array();
+
+    FrameFiles files(recipe);
+    Progress progress(verb);
+    const size_t total = frames.size() * cameras.size() * shifts.size();
+    size_t done = 0;
+    bool warned = false;
+    for (const int frame : frames)
+        for (const NamedShift& shift : shifts)
+            for (const std::string& camera : cameras) {
+                stop_if_interrupted();
+                progress.show(done++, total, camera + " " + shift.name);
+                Request request = base;
+                request.camera = camera;
+                request.frame = frame;
+                request.shift = shift.shift;
+                const fs::path item = item_path(shift.name, frame, camera);
+                if (manifest && options.all_shifts && manifest->is_refused((fs::path("shifts") / item).string())) continue;
+                if (!item_folder.empty() && manifest->is_done((item_folder / item).string())) {
+                    for (const auto& row : earlier)
+                        if (row.is_object() && row.value("camera", "") == camera && row.value("frame", -1) == frame && row.value("shift", "") == shift.name) rows.push_back(row);
+                    continue;
+                }
+                const Answer a = answer(recipe, request, files);
+                if (a.centre_hidden && !warned) {
+                    warned = true;
+                    progress.finish();
+                    std::fprintf(stderr, "vshift: warning: %s: %s: shift: the shifted camera stands behind what %s saw, in hidden space or in something\n",
+                                 options.recipe.c_str(), camera.c_str(), camera.c_str());
+                }
+                const fs::path file = many ? fs::path(options.out_dir) / item : fs::path(options.output);
+                if (many) make_folders(file.parent_path());
+                write_image(file, chosen(a.image, options.channels));
+                rows.push_back(row_of(request, shift.name, a));
+                if (!item_folder.empty())
+                    manifest->record_done((item_folder / item).string(), verb, (a.times.read_ms + a.times.lift_ms + a.times.cast_ms) / 1000);
+            }
+    progress.finish();
+    if (!item_folder.empty()) write_whole_file(run_file, rows.dump(1) + "\n");
+    write_text(options.json, rows.dump(1) + "\n");
+    write_text(options.csv, csv_of(rows));
+}
+
+}  // namespace
+
+void add_answer_verbs(CLI::App& app) {
+    const std::pair<const char*, const char*> verbs[] = {
+        {"mask", "Recorded view: lost, occluded, outside, unknown, unseen"},
+        {"holes", "Shifted view: hole, disoccluded, outside"},
+        {"warp", "Shifted view: colours and depth of what the recording saw"}};
+    for (const auto& [name, description] : verbs) {
+        CLI::App* sub = app.add_subcommand(name, description);
+        auto options = std::make_shared<Options>();
+        sub->add_option("recipe", options->recipe, "the .vshift recipe")->required();
+        const auto request_key = [&](const char* flags, const std::string& key, const char* help) {
+            sub->add_option_function<std::string>(flags, [options, key](const std::string& text) { options->request.emplace_back(key, text); }, help);
+        };
+        request_key("--camera", "camera", "one camera's name; * or none: all of them");
+        request_key("--frame", "frame", "frame index");
+        request_key("--shift", "shift", "x,y,z in ego metres (x forward, y left, z up)");
+        request_key("--yaw_deg,--yaw-deg", "yaw_deg", "turn of the ego about its z axis, to the left");
+        request_key("--from", "from", "self or rig: whose depth maps are used");
+        request_key("--view", "view", "recorded or shifted");
+        request_key("--tolerance_px,--tolerance-px", "tolerance_px", "mesh coarsening; 0: a vertex for every pixel");
+        request_key("--method", "method", "embree");
+        request_key("--clear_m,--clear-m", "clear_m", "radius round the shifted camera that is taken as free");
+        sub->add_option("-o,--output", options->output, "one image: .exr, .png, .pfm or .npy");
+        sub->add_option("--out-dir", options->out_dir, "many images: DIR/SHIFT/FFFF/CAMERA.exr");
+        sub->add_option("--channels", options->channels, "only these channels")->delimiter(',');
+        sub->add_flag("--all-frames", options->all_frames, "every frame of the recipe");
+        sub->add_flag("--all-shifts", options->all_shifts, "every shift of the set's manifest");
+        sub->add_option("--json", options->json, "counts and times as JSON; - is standard output");
+        sub->add_option("--csv", options->csv, "the same as CSV");
+        const std::string verb = name;
+        sub->callback([options, verb] { run(verb, *options); });
+    }
+}
+
+}  // namespace vshift::cli

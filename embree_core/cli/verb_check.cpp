@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: Apache-2.0
+// vshift check: a recipe and the files it names, or a whole set by its hashes.
+#include <cstdio>
+#include <memory>
+
+#include "embree_core/answer.h"
+#include "embree_core/benchmark_set.h"
+#include "embree_core/cli/progress.h"
+#include "embree_core/cli/verbs.h"
+#include "embree_core/trace.h"
+
+namespace vshift::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+void run(const std::string& recipe_file) {
+    if (!tracer_self_test()) throw Error(ExitCode::our_bug, "embree: self test: got a miss on a known quad, expected a hit");
+    const Recipe recipe = load_recipe(recipe_file);
+    FrameFiles files(recipe);
+    Progress progress("check");
+    const size_t total = recipe.frames.size() * recipe.cameras.size();
+    size_t done = 0;
+    uint64_t invalid = 0, sky = 0, pixels = 0;
+    for (const FrameSpec& frame : recipe.frames)
+        for (const CameraSpec& camera : recipe.cameras) {
+            stop_if_interrupted();
+            progress.show(done++, total, camera.name);
+            const DepthMap& depth = files.depth(camera.name, frame.index);
+            for (float z : depth.data) {
+                const bool is_sky = z > 1e12f;
+                sky += is_sky;
+                invalid += !(z > 0) && !is_sky;
+            }
+            pixels += depth.size();
+            if (!camera.image.empty()) files.color(camera.name, frame.index);
+        }
+    progress.finish();
+    std::printf("%s: %zu cameras, %zu frames, %llu depth pixels: %llu sky, %llu without a measurement\n", recipe_file.c_str(),
+                recipe.cameras.size(), recipe.frames.size(), (unsigned long long)pixels, (unsigned long long)sky, (unsigned long long)invalid);
+
+    const fs::path folder = recipe.file.parent_path().empty() ? fs::path(".") : recipe.file.parent_path();
+    if (!fs::exists(folder / "manifest.json")) return;
+    const SetCheck set = check_set(Manifest(folder), [&](size_t position, size_t count, const std::string& name) {
+        stop_if_interrupted();
+        progress.show(position, count, name);
+    });
+    progress.finish();
+    std::printf("%s: %llu done, %llu planned, %llu refused, %zu faults\n", (folder / "manifest.json").c_str(), (unsigned long long)set.done,
+                (unsigned long long)set.planned, (unsigned long long)set.refused, set.faults.size());
+    for (size_t i = 1; i < set.faults.size() && i < 20; ++i) std::fprintf(stderr, "vshift: %s\n", set.faults[i].c_str());
+    if (!set.faults.empty()) throw Error(ExitCode::bad_input, set.faults[0]);
+}
+
+}  // namespace
+
+void add_check_verb(CLI::App& app) {
+    CLI::App* sub = app.add_subcommand("check", "Validates a recipe and every file it names; a set's files by their sha256");
+    auto recipe = std::make_shared<std::string>();
+    sub->add_option("recipe", *recipe, "the .vshift recipe")->required();
+    sub->callback([recipe] { run(*recipe); });
+}
+
+}  // namespace vshift::cli
