@@ -168,8 +168,9 @@ void decode_oiio(const fs::path& file, const std::string& bytes,
     out.image.names.assign(names.begin() + begin, names.begin() + end);
     for (const auto& attribute : spec.extra_attribs) {
         const std::string key = attribute.name().string();
-        if (attribute.type() == OIIO::TypeString && !is_encoding_key(key))
-            out.image.metadata[key] = attribute.get_string();
+        if (attribute.type() != OIIO::TypeString || is_encoding_key(key)) continue;
+        const std::string value = attribute.get_string();
+        if (key != "DateTime" || !value.empty()) out.image.metadata[key] = value;
     }
     in->close();
     in->geterror();  // nothing may stay pending: it would be printed
@@ -316,7 +317,11 @@ std::string encode_oiio(const fs::path& file, const Channels& image,
     }
     for (const auto& [key, value] : image.metadata)
         if (!is_encoding_key(key)) spec.attribute(key, value);
-    if (exr) spec.attribute("compression", "zip");
+    if (exr) {
+        spec.attribute("compression", "zip");
+        // Without a date OIIO writes the clock's, and no two files would be the same.
+        if (!image.metadata.count("DateTime")) spec.attribute("DateTime", "");
+    }
     spec.attribute("oiio:UnassociatedAlpha", 1);  // samples go out as they are
     const auto refuse = [&] {
         fail_file(ExitCode::io_failed, file, "encoding",

@@ -31,23 +31,31 @@ enum class SampleType { float32, float16, uint16, uint8 };
 inline constexpr int max_image_side = 16384;
 inline constexpr size_t max_decoded_bytes = size_t(1) << 30;
 
-/// All channels of an EXR, PNG, PFM or NPY file as float. Integer files come as 0..1 floats except
-/// through `read_depth`. Refuses anything but regular files. Throws Error io_failed / bad_input /
-/// over_limit.
+/// All channels of an EXR, PNG, JPEG, PFM or NPY file as float; the first bytes say which it is.
+/// Integer files come as 0..1 floats except through `read_depth`. Channels without names are Y; Y, A;
+/// R, G, B; R, G, B, A; or 0, 1, 2 and so on. Refuses anything but regular files, EXR of several
+/// parts or with a data window that is not the display window, NPY in Fortran order, and PFM whose
+/// scale is neither 1 nor -1. Throws Error: io_failed when it cannot be read, bad_input for what it
+/// holds (a cut file too), over_limit for its size, checked before anything is allocated.
 Channels read_image(const std::filesystem::path& file);
 
 /// Depth in metres: EXR channel `channel`, single-channel PFM or NPY, or 16-bit PNG, times
-/// `scale_m` (metres per stored unit; PNG units are the stored integers). Checks the size against
-/// `width` x `height` when these are > 0.
+/// `scale_m` (metres per stored unit, > 0; units of 16-bit PNG and NPY are the stored integers).
+/// 8-bit files are refused. Checks the size against `width` x `height` when these are > 0.
 DepthMap read_depth(const std::filesystem::path& file, const std::string& channel, double scale_m,
                     int width, int height);
 
-/// Linear RGB of an image file (8-bit and 16-bit PNG are decoded from sRGB).
+/// Linear RGB of an image file: integer samples (PNG, JPEG, integer NPY) are decoded from sRGB, floats
+/// are linear. One grey integer channel is spread to three; alpha is ignored.
 ColorImage read_color(const std::filesystem::path& file, int width, int height);
 
 /// Writes EXR (ZIP), PNG (8- or 16-bit), PFM (1 or 3 channels) or NPY (H x W or H x W x C) by the
 /// file's ending: encode to memory, write beside, fsync, rename. `types` holds one entry per channel
-/// or a single entry for all. Throws Error io_failed; an old file stays as it was.
+/// or a single entry for all; EXR takes float32 and float16, PNG uint16 or uint8, PFM float32, NPY
+/// float32, uint16 or uint8. Integers are the 0..1 samples rounded and clamped (NaN is 0), never
+/// sRGB-encoded. The same image gives the same bytes. Folders are not created, a symbolic link is
+/// followed. Throws Error: io_failed, and then an old file stays as it was and nothing is left behind;
+/// bad_input for an ending, type or channel count that does not fit; over_limit.
 void write_image(const std::filesystem::path& file, const Channels& image,
                  const std::vector<SampleType>& types = {SampleType::float32});
 

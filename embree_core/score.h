@@ -23,6 +23,8 @@ MaskScore score_mask(const Mask& got, const Mask& truth, const Mask* valid = nul
 /// Boundary precision, recall and F1 at a tolerance: the share of boundary pixels of one mask within
 /// `tolerance_px` (Euclidean, between pixel centres) of the other's boundary. A boundary pixel is a
 /// set pixel with a clear 4-neighbour inside the image (Perazzi et al., CVPR 2016, contour accuracy F).
+/// Pixels that are not `valid` do not exist: what stands there changes nothing. Two empty boundaries
+/// agree (1); an empty one against another is 0. `tolerance_px` is finite and >= 0 (Error bad_input).
 struct BoundaryScore {
     double precision = 0, recall = 0, f1 = 0;
     uint64_t got_px = 0, truth_px = 0;
@@ -39,7 +41,8 @@ double psnr_db(const ColorImage& got, const ColorImage& truth, const Mask* regio
 /// renormalised. NaN when the region is empty.
 double ssim(const ColorImage& got, const ColorImage& truth, const Mask* region = nullptr);
 
-/// Linear light to display-referred sRGB in 0..1, what PSNR and SSIM are taken on.
+/// Linear light to display-referred sRGB in 0..1, what PSNR and SSIM are taken on (call it first: they
+/// take pixels as they are). Clamped; NaN stays NaN and shows in the score.
 ColorImage srgb_from_linear(const ColorImage& linear);
 
 }  // namespace vshift
