@@ -18,7 +18,7 @@ LIMIT_M = 0.5
 
 @dataclass
 class RoadMap:
-    """Channels over a rectangle: paint (H, W, 4) = white, yellow, wheel tracks, worn; wear (H, W, 4) = patch, puddle, stain, crack.
+    """Channels over a rectangle: paint (H, W, 4) = white, yellow, stain, manhole cover; wear (H, W, 4) = patch, puddle, crack, 1.
 
     Row 0 is at y0 and column 0 at x0; distances are stored as 0.5 + d / (2 LIMIT_M).
     """
@@ -128,7 +128,7 @@ def road_maps(street):
     p, seed = street.plan, street.seed
     main = _blank(p.x_min - 14, p.kerb_right, p.x_max + 14, p.kerb_left)
     cross = _blank(p.cross_x - p.cross_half - 1, -p.cross_end_y, p.cross_x + p.cross_half + 1, p.cross_end_y)
-    box = dict(zip(("white", "yellow", "patch", "puddle", "stain", "crack"), main[1]))
+    box = dict(zip(("white", "yellow", "patch", "puddle", "stain", "crack", "cover"), main[1]))
     white, yellow = box["white"], box["yellow"]
     stop, stop_back = p.stop_lines()
     x_in, x_out = p.cross_x - p.cross_half, p.cross_x + p.cross_half
@@ -173,9 +173,11 @@ def road_maps(street):
     for x, y in ((6.8, -.5), (12.5, -6.0), (22.0, 1.2), (29.5, -4.6), (58.0, -2.2), (70.0, 6.3), (90.0, -1.0), (-18.0, -2.8)):
         for _ in range(4):
             box["puddle"].blob(x + 1.8 * (r.random() - .5), y + .8 * (r.random() - .5), .7 + .9 * r.random(), .35 + .45 * r.random())
+    for x, y, k in manholes(street):
+        box["cover"].blob(x, y, k, k)
     out = []
     out.append(_finish(main))
-    cb = dict(zip(("white", "yellow", "patch", "puddle", "stain", "crack"), cross[1]))
+    cb = dict(zip(("white", "yellow", "patch", "puddle", "stain", "crack", "cover"), cross[1]))
     for s, yk in ((-1, p.kerb_right), (1, p.kerb_left)):
         far = s * (p.cross_end_y - 2)
         near = yk + s * 5.4
@@ -193,13 +195,13 @@ def road_maps(street):
 
 def _blank(x0, y0, x1, y1):
     w, h = int(round((x1 - x0) / CELL_M)), int(round((y1 - y0) / CELL_M))
-    return (x0, y0, x0 + w * CELL_M, y0 + h * CELL_M), [_Field(x0, y0, w, h) for _ in range(6)]
+    return (x0, y0, x0 + w * CELL_M, y0 + h * CELL_M), [_Field(x0, y0, w, h) for _ in range(7)]
 
 
 def _finish(m):
     (x0, y0, x1, y1), f = m
     one = np.ones_like(f[0].d)
-    paint = np.stack([f[0].stored(), f[1].stored(), f[4].stored(), one], -1)
+    paint = np.stack([f[0].stored(), f[1].stored(), f[4].stored(), f[6].stored()], -1)
     wear = np.stack([f[2].stored(), f[3].stored(), f[5].stored(), one], -1)
     return RoadMap(x0, y0, x1, y1, paint.astype(np.float32), wear.astype(np.float32))
 
