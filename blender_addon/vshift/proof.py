@@ -62,7 +62,7 @@ def _check(checks, name, got, expected, passed, **more):
 # ------------------------------------------------------------------ planes
 def _planes(checks, temp, width, height, threads):
     """A wall across the view at 10 m and a ground 1.51 m below: depth in closed form, both tracers."""
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    set_builder.new_scene()
     camera = rig.view(rig.make_rig(width, height)[0], np.eye(4))
     centre, toward = camera.centre, camera.world_from_cam[:, 2]
     far = np.float64(10.0)

@@ -77,11 +77,23 @@ def generate_street(options):
                                      traffic=options.traffic)
 
 
+def new_scene(name="vshift"):
+    """A new, empty scene, made the current one. In background mode everything else is dropped first."""
+    if bpy.app.background:
+        bpy.data.batch_remove([i for kind in (bpy.data.objects, bpy.data.meshes, bpy.data.lights, bpy.data.cameras,
+                                              bpy.data.materials, bpy.data.collections) for i in kind])
+    scene = bpy.data.scenes.new(name)
+    bpy.context.window.scene = scene
+    if bpy.app.background:
+        bpy.data.batch_remove([s for s in bpy.data.scenes if s != scene])
+    return scene
+
+
 def build_street(options):
-    """Empties the file, builds the street in Blender; returns the street."""
+    """Builds the street in a new scene; returns the street."""
     street_scene = importlib.import_module(".street_scene", __package__)
     street = generate_street(options)
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    new_scene()
     street_scene.build(street)
     return street
 

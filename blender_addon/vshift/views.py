@@ -37,7 +37,7 @@ def refuse_pitfalls(scene, camera_object):
 
 
 def configure(scene, samples, threads=0, passes=("Depth",), seed=0, exact_centres=False):
-    """Cycles on the CPU with the settings every view of a set shares.
+    """Cycles on the CPU with the settings every view of a set shares; bounces and clamps stay the scene's own.
 
     exact_centres shrinks the pixel filter to a point (for the proof; colour then has jagged edges).
     """
@@ -46,11 +46,9 @@ def configure(scene, samples, threads=0, passes=("Depth",), seed=0, exact_centre
     c = scene.cycles
     c.device, c.samples, c.seed = "CPU", int(samples), int(seed)
     for name, value in (("use_adaptive_sampling", False), ("use_denoising", False), ("use_animated_seed", False),
-                        ("time_limit", 0.0), ("max_bounces", 6), ("diffuse_bounces", 3), ("glossy_bounces", 3),
-                        ("transmission_bounces", 4), ("transparent_max_bounces", 16), ("volume_bounces", 0),
-                        ("caustics_reflective", False), ("caustics_refractive", False), ("blur_glossy", 1.0),
-                        ("sample_clamp_direct", 0.0), ("sample_clamp_indirect", 4.0), ("use_auto_tile", False),
-                        ("pixel_filter_type", "BOX" if exact_centres else "BLACKMAN_HARRIS"),
+                        ("time_limit", 0.0), ("use_auto_tile", False),
+                        ("caustics_reflective", False), ("caustics_refractive", False),
+                        ("pixel_filter_type", "BLACKMAN_HARRIS"),   # BOX would ignore the width
                         ("filter_width", 0.01 if exact_centres else 1.5)):
         if hasattr(c, name):
             setattr(c, name, value)
@@ -101,20 +99,21 @@ def render_passes(camera, temp_dir, passes=("Depth",)):
     rig.apply_to_blender(camera, scene, ob)
     refuse_pitfalls(scene, ob)
     path = Path(temp_dir) / "blender.exr"
-    path.unlink(missing_ok=True)
     scene.render.filepath = str(path)
     try:
+        path.unlink(missing_ok=True)
         with quiet():
             result = bpy.ops.render.render(write_still=True)
         if "FINISHED" not in result or not path.is_file():
             raise VshiftError(f"{path.name}: {ob.name}: render: got {result}, expected a file", 4)
         channels = exr.read(path)
-    except RuntimeError as e:
-        if isinstance(e, VshiftError):
-            raise
+    except VshiftError:
+        raise
+    except (RuntimeError, OSError) as e:
         raise VshiftError(f"{path.name}: {ob.name}: render: got '{str(e).strip()}', expected a picture", 4) from e
     finally:
-        path.unlink(missing_ok=True)
+        if path.exists():
+            path.unlink()
     out = {}
     for name in ("Combined", *passes):
         value = _pass(channels, name)
