@@ -8,14 +8,14 @@ matplotlib.use("svg")
 from matplotlib import pyplot as plt  # noqa: E402
 
 from report import pool  # noqa: E402
+from report.pool import METHOD_NAME  # noqa: E402
 
 INK, FAINT, BACK = "#010203", "#040506", "#070809"  # stand-ins that become CSS variables
 METHOD_COLOUR = {"self": "#0a7fc2", "rig": "#d55e00"}
-METHOD_NAME = {"self": "own camera", "rig": "whole rig"}
 CLASS_COLOUR = {"visible": "#8f99a3", "unseen": "#c9ced3", "unknown": "#e3d52f", "occluded": "#d55e00", "outside": "#56b4e9"}
 CLASS_NAME = {"visible": "visible, certain", "unseen": "visible, but unseen", "unknown": "unknown",
               "occluded": "occluded", "outside": "outside the frame"}
-STAGE_COLOUR = {"lift_ms": "#009e73", "build_ms": "#e69f00", "cast_ms": "#0a7fc2"}
+STAGE_COLOUR = {"read_ms": "#8f99a3", "lift_ms": "#009e73", "build_ms": "#e69f00", "cast_ms": "#0a7fc2"}
 
 STYLE = {"svg.fonttype": "none", "svg.hashsalt": "vshift", "font.size": 10, "axes.edgecolor": FAINT, "axes.labelcolor": INK,
          "text.color": INK, "xtick.color": INK, "ytick.color": INK, "axes.titlecolor": INK, "axes.grid": True,
@@ -37,7 +37,7 @@ def svg(figure, number, title):
     text = re.sub(r'(href="#|url\(#)', rf"\1c{number}-", text)
     for stand_in, name in ((INK, "--ink"), (FAINT, "--rule"), (BACK, "--card")):
         text = text.replace(stand_in, f"var({name})")
-    text = re.sub(r"font: ([^;\"]*?)'[^\"]*\"", lambda m: 'font: ' + m.group(1) + 'var(--sans)"', text) if "font: " in text else text
+    text = re.sub(r"(font: [0-9a-z. ]*?px )[^;\"]*", r"\1var(--sans)", text)
     text = re.sub(r'<svg [^>]*viewBox="([^"]*)"[^>]*>',
                   lambda m: f'<svg viewBox="{m.group(1)}" role="img" aria-labelledby="c{number}-t"><title id="c{number}-t">{title}</title>', text, count=1)
     return text
@@ -70,7 +70,7 @@ def chart_f1(data, number):
     x, ticks, labels, axis_label, order = positions(data["manifest"])
     columns = min(3, len(cameras))
     rows = -(-len(cameras) // columns)
-    figure, axes = plt.subplots(rows, columns, figsize=(3.6 * columns, 2.3 * rows + .5), sharex=True, sharey=True, squeeze=False)
+    figure, axes = plt.subplots(rows, columns, figsize=(12.6 if columns > 1 else 7, 2.4 * rows + .5), sharex=True, sharey=True, squeeze=False)
     for k, ax in enumerate(axes.flat):
         if k >= len(cameras):
             ax.axis("off")
@@ -104,7 +104,7 @@ def chart_gap(data, number):
     """Recall a single recording can reach at all, what the method reached, and the rest: per shift and method."""
     scores = data["scores"]
     x, _, labels, axis_label, order = positions(data["manifest"])
-    figure, axes = plt.subplots(1, max(1, len(data["methods"])), figsize=(10.8, 2.9), sharey=True, squeeze=False)
+    figure, axes = plt.subplots(1, max(1, len(data["methods"])), figsize=(12.6, 3.1), sharey=True, squeeze=False)
     for ax, method in zip(axes.flat, data["methods"]):
         for i, shift in enumerate(order):
             limit = pool.ceiling(scores, method, shift=shift)
@@ -116,12 +116,12 @@ def chart_gap(data, number):
             ax.bar(i, limit - found, .62, bottom=found, color="#e69f00", label="knowable, missed" if i == 0 else None)
             ax.bar(i, 1 - limit, .62, bottom=limit, color="none", edgecolor=INK, hatch="////", linewidth=.6,
                    label="not in the recording" if i == 0 else None)
-            if limit < .995:
-                ax.text(i, limit / 2 if limit > .3 else .5, f"{100 * (1 - limit):.0f} %\nunknowable", ha="center", va="center", fontsize=8, color="#ffffff")
+            ax.text(i, 1.02, f"{100 * (1 - limit):.1f} %", ha="center", fontsize=9)
         ax.set_xticks(range(len(order)), labels, **({} if max(map(len, labels)) < 5 else {"rotation": 35, "ha": "right"}))
-        ax.set_title(METHOD_NAME[method], loc="left")
+        ax.set_title(METHOD_NAME[method], loc="left", pad=18)
         ax.set_xlabel(axis_label)
         ax.grid(axis="x", visible=False)
+    axes[0][0].set_ylim(0, 1)
     axes[0][0].set_ylabel("share of truly occluded pixels")
     handles, names = axes[0][0].get_legend_handles_labels()
     if handles:
@@ -133,7 +133,7 @@ def chart_gap(data, number):
 def chart_classes(data, number):
     """What the mask said of all pixels, per shift and method."""
     _, _, labels, axis_label, order = positions(data["manifest"])
-    figure, axes = plt.subplots(1, max(1, len(data["methods"])), figsize=(10.8, 2.9), sharey=True, squeeze=False)
+    figure, axes = plt.subplots(1, max(1, len(data["methods"])), figsize=(12.6, 3.1), sharey=True, squeeze=False)
     for ax, method in zip(axes.flat, data["methods"]):
         for i, shift in enumerate(order):
             shares, base = pool.class_shares(data["scores"], method, shift), 0.0
@@ -158,10 +158,12 @@ def chart_times(data, number):
     times = pool.stage_times(data["scores"])
     if not times:
         return None
-    figure, ax = plt.subplots(figsize=(10.8, .42 * len(times) + .9))
+    figure, ax = plt.subplots(figsize=(12.6, .42 * len(times) + .9))
     for i, row in enumerate(times):
         base = 0.0
         for stage, hue in STAGE_COLOUR.items():
+            if not any(t[stage] for t in times):
+                continue
             ax.barh(i, row[stage], .6, left=base, color=hue, label=stage[:-3] if i == 0 else None)
             base += row[stage]
         ax.text(base, i, f"  {base:.3g} ms", va="center", fontsize=9)
@@ -185,11 +187,11 @@ def charts(data):
                      "gap from the dashed line to 1 belongs to the method."},
             {"title": "What one recording cannot know", "svg": chart_gap(data, 2),
              "note": "Of all pixels that are truly occluded from the shifted place, the hatched part is hidden by surfaces that "
-                     "the recording never saw. No mask made from it can find them; an honest one calls them unknown."},
+                     "the recording never saw; its share stands above each bar. No mask made from it can find them; an honest one calls them unknown."},
             {"title": "Pixels by class", "svg": chart_classes(data, 3), "note": "What the mask said of every pixel, pooled over cameras and frames."}]
         times = chart_times(data, 4)
         if times:
             out.append({"title": "Time per stage", "svg": times,
-                        "note": f"Lift the depth to triangles, build the ray-tracing structure, cast the rays. "
+                        "note": f"Read the depth, lift it to triangles, build the ray-tracing structure, cast the rays (as far as each was timed). "
                                 f"Median over views, {data['scores'].get('cores', '?')} cores."})
     return out

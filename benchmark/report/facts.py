@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the report says in words and tables: the run, the headline, the pooled rows, the commands."""
 from report import pool
-from report.charts import METHOD_NAME
+from report.pool import METHOD_NAME
 
 label = pool.shift_label
-KIND_NAME = {"recorded": "recorded views", "shifted": "shifted views", "truth": "truth", "mesh": "true meshes"}
+KIND_NAME = {"recorded": "recorded views", "shifted": "shifted views", "truth": "truth", "mesh": "true meshes", "recipe": "recipe",
+             "mask": "masks", "holes": "holes", "warp": "warps"}
 
 
 def percent(value, digits=1):
@@ -51,13 +52,15 @@ def run_facts(data):
 
 def exceptions(data):
     """Items that were refused, moved or are still planned: dicts of path, status and reason."""
-    out = []
-    for path, item in sorted(data["manifest"]["items"].items()):
-        moved = item.get("moved") or (item["status"] == "done" and item.get("reason"))
-        if item["status"] == "refused" or moved:
-            why = item.get("reason") or (item["moved"] if moved and item.get("moved") is not True else "no reason given")
-            out.append({"path": path, "status": "moved" if item["status"] == "done" else "refused", "reason": str(why)})
-    planned = sum(i["status"] == "planned" for i in data["manifest"]["items"].values())
+    items, out = data["manifest"]["items"], []
+    for path, item in sorted(items.items()):
+        moved = item["status"] == "done" and item.get("moved_to")
+        twin = items.get(path.replace("truth/", "shifts/", 1)) if path.startswith("truth/") else None
+        if (item["status"] == "refused" or moved) and not (twin and twin["status"] == item["status"]):
+            where = ", ".join(map(str, moved)) if isinstance(moved, list) else str(moved)
+            out.append({"path": path, "status": f"moved to {where} m" if moved else "refused",
+                        "reason": str(item.get("reason", "no reason given"))})
+    planned = sum(i["status"] == "planned" for i in items.values())
     return out, planned
 
 
@@ -101,16 +104,10 @@ def commands(data):
     """The commands that remake the figures from the set. The manifest's own come first, where it has them."""
     given = data["manifest"].get("commands", [])
     out = [str(c) for c in given] if isinstance(given, list) else []
-    shift = data["manifest"]["shifts"][0]
-    vector = ",".join(f"{v:g}" for v in shift["shift"])
-    yaw = f" --yaw_deg {shift['yaw_deg']:g}" if shift.get("yaw_deg") else ""
-    frame, camera = data["frames"][0], data["cameras"][0]
-    out.append("vshift check SET")
     for verb, folder in (("mask", "masks"), ("holes", "holes"), ("warp", "warps")):
-        for method in data["methods"]:
-            out.append(f"vshift {verb} SET/set.vshift --camera {camera} --frame {frame} --shift {vector}{yaw} --from {method} "
-                       f"-o SET/{folder}/{method}/{shift['name']}/{frame:04d}/{camera}.exr")
-    return out + ["vshift score SET", "vshift report SET"]
+        out += [f"vshift {verb} SET/set.vshift --camera '*' --from {method} --all-frames --all-shifts --out-dir SET/{folder}/{method}"
+                for method in data["methods"]]
+    return out + ["vshift score SET/set.vshift", "vshift report SET/set.vshift"]
 
 
 def facts(data):
@@ -131,7 +128,7 @@ def pooled_rows(data, table, keys, pool_rows):
     for row in rows:
         groups.setdefault(tuple(row[k] for k in keys), []).append(row)
     rank = {**{name: f"{i:06d}" for name, i in order.items()}, "self": "0", "rig": "1",
-            "lost": "0", "occluded": "1", "outside": "2", "hole": "0", "disoccluded": "1"}
+            "lost": "0", "occluded": "1", "outside": "2", "hole": "0", "disoccluded": "1", "seen": "0", "all": "1"}
     for group in sorted(groups, key=lambda g: [rank.get(v, v) for v in g]):
         parent = pool_rows(groups[group])
         if parent is None:

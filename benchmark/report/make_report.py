@@ -15,9 +15,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-import jinja2  # noqa: E402
-
-from report import charts, facts, pictures, strip  # noqa: E402
+from report import facts, pictures, pool  # noqa: E402
 from report.read_set import BAD_INPUT, IO_FAILED, ReportError, read_set  # noqa: E402
 
 HERE = Path(__file__).resolve().parent
@@ -57,6 +55,8 @@ def write_whole(path, content):
 def render(data, max_bytes, max_frames, width):
     """The report as HTML bytes."""
     images, views, used_width = pictures.embed(data, max_bytes, max_frames, width)
+    import jinja2  # here, so that a broken set is refused before the slow imports
+    from report import charts
     environment = jinja2.Environment(loader=jinja2.FileSystemLoader(HERE), autoescape=True, trim_blocks=True,
                                      lstrip_blocks=True, undefined=jinja2.StrictUndefined)
     environment.filters["percent"] = facts.percent
@@ -65,7 +65,7 @@ def render(data, max_bytes, max_frames, width):
         css=(HERE / "report.css").read_text("utf-8"), js=(HERE / "report.js").read_text("utf-8"),
         frames_shown=list(views), width_shown=used_width, made=made_on(),
         page_data={"images": images, "views": views, "frames": list(views), "cameras": data["cameras"],
-                   "methods": data["methods"], "methodNames": {m: charts.METHOD_NAME[m] for m in data["methods"]},
+                   "methods": data["methods"], "methodNames": {m: pool.METHOD_NAME[m] for m in data["methods"]},
                    "shifts": [{"name": s["name"], "label": facts.label(s)} for s in data["manifest"]["shifts"]],
                    "differenceFullScale": pictures.DIFFERENCE_FULL_SCALE})
     return page.encode("utf-8")
@@ -95,9 +95,12 @@ def run(arguments):
     if not args.max_mb > 0 or args.max_frames < 1 or args.max_width < 16:
         parser.error("--max-mb, --max-frames, --max-width: got too little, expected more than 0, at least 1, at least 16")
     data = read_set(args.set)
+    picture = None
+    if args.strip:
+        from report import strip
+        picture = strip.strip_png(data, args.strip_camera, args.strip_shift, args.strip_method)
     out = Path(args.out) if args.out else data["folder"] / "report.html"
     page = render(data, args.max_mb * 1e6, args.max_frames, args.max_width)
-    picture = strip.strip_png(data, args.strip_camera, args.strip_shift, args.strip_method) if args.strip else None
     write_whole(out, page)
     print(f"{out}: {len(page) / 1e6:.1f} MB")
     if picture:

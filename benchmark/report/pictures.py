@@ -16,6 +16,7 @@ from report.read_set import read_channels, refuse
 COLOURS = {"occluded": (213, 94, 0), "outside": (86, 180, 233), "unknown": (240, 228, 66), "unseen": (255, 255, 255),
            "true_positive": (0, 158, 115), "false_positive": (213, 94, 0), "false_negative": (86, 180, 233),
            "undecided": (240, 228, 66)}
+HOLE = (214, 51, 132)  # --hole of report.css
 MASK_CHANNELS = ("lost", "occluded", "outside", "unknown", "unseen")
 DIFFERENCE_FULL_SCALE = 0.25
 INFERNO = np.array([[0, 0, 4], [40, 11, 84], [101, 21, 110], [159, 42, 99], [212, 72, 66],
@@ -91,6 +92,35 @@ def difference(a8, b8, hole):
     return (rgb + .5).astype(np.uint8)
 
 
+def photo8(data, relative, camera):
+    """A view as 8-bit sRGB, or None. A view whose depth was cast but never rendered is its depth in grey."""
+    item = data["manifest"]["items"].get(relative, {})
+    if item.get("rendered", True):
+        rgb = read_channels(data, relative, camera, ("R", "G", "B"))
+        return None if rgb is None else srgb8(rgb)
+    z = read_channels(data, relative, camera, ("Z",))
+    if z is None:
+        return None
+    with np.errstate(divide="ignore", invalid="ignore"):
+        near = np.where(z > 0, np.clip(1 - np.log(z) / np.log(200), 0, 1), 0)
+    return (np.repeat(near, 3, 2) * 225 + 15).astype(np.uint8)
+
+
+def bleed(rgb8, hole, steps=3):
+    """Colours grown a few pixels into the holes, so that no dark seam shows where the page paints them."""
+    rgb, empty = rgb8.astype(np.float32), hole.copy()
+    for _ in range(steps):
+        weight = np.pad((~empty).astype(np.float32), 1)[:, :, None]
+        value = np.pad(rgb, ((1, 1), (1, 1), (0, 0))) * weight
+        around = ((slice(None, -2), slice(1, -1)), (slice(2, None), slice(1, -1)), (slice(1, -1), slice(None, -2)), (slice(1, -1), slice(2, None)))
+        total, count = sum(value[a] for a in around), sum(weight[a] for a in around)
+        grow = empty & (count[:, :, 0] > 0)
+        rgb[grow] = (total / np.maximum(count, 1))[grow]
+        empty &= ~grow
+    rgb[empty] = HOLE
+    return rgb.astype(np.uint8)
+
+
 class Store:
     """Pictures as base64 texts, numbered; equal pictures are kept once."""
 
@@ -151,7 +181,7 @@ def add_method(data, store, shift, frame, camera, method, truth, shifted8, width
                 out["counts_" + against] = count_errors(index)
     if got["warp"] is not None:
         warp8, hole = srgb8(got["warp"][:, :, :3]), got["warp"][:, :, 3] > .5
-        out["warp"] = store.add(jpeg(fit(warp8, width, True)), "jpeg")
+        out["warp"] = store.add(jpeg(fit(bleed(warp8, hole), width, True)), "jpeg")
         out["hole"] = store.add(palette_png(fit(hole.astype(np.uint8), width, False), [(255, 255, 255, 255)]), "png")
         out["hole_share"] = float(hole.mean())
         if shifted8 is not None:
@@ -169,16 +199,17 @@ def add_frame(data, store, frame, width):
     out = {}
     items = data["manifest"]["items"]
     for camera in data["cameras"]:
-        rgb = read_channels(data, f"frames/{frame:04d}/{camera}.exr", camera, ("R", "G", "B"))
-        out[camera] = {"recorded": None if rgb is None else store.add(jpeg(fit(srgb8(rgb), width, True)), "jpeg")}
+        photo = photo8(data, f"frames/{frame:04d}/{camera}.exr", camera)
+        out[camera] = {"recorded": None if photo is None else store.add(jpeg(fit(photo, width, True)), "jpeg")}
         for shift in data["shifts"]:
             where = paths(data, shift, frame, camera)
             view = {}
             item = items.get(where["shifted"], {})
             if item.get("status") in ("refused", "planned"):
                 view["why"] = item["status"] + (": " + str(item["reason"]) if item.get("reason") else "")
-            rgb = read_channels(data, where["shifted"], camera, ("R", "G", "B"))
-            shifted8 = None if rgb is None else srgb8(rgb)
+            if item.get("moved_to"):
+                view["moved"] = "moved to " + ", ".join(map(str, item["moved_to"])) + " m"
+            shifted8 = photo8(data, where["shifted"], camera)
             if shifted8 is not None:
                 view["shifted"] = store.add(jpeg(fit(shifted8, width, True)), "jpeg")
             truth = read_channels(data, where["truth"], camera, ("lost", "occluded", "outside", "shell_self", "shell_rig"))
@@ -190,15 +221,14 @@ def add_frame(data, store, frame, width):
 
 def spread(frames):
     """Frames in the order in which to embed them: first, last, then halves of the gaps."""
-    left, order = list(frames), []
-    gaps = [(0, len(left) - 1)]
+    frames = list(frames)
+    order, gaps = [frames[0], frames[-1]][:len(frames)], [(0, len(frames) - 1)]
     while gaps:
         a, b = gaps.pop(0)
-        for index in ((a, b) if not order else ((a + b) // 2,)):
-            if left[index] not in order:
-                order.append(left[index])
         if b - a > 1:
-            gaps += [(a, (a + b) // 2), ((a + b) // 2, b)]
+            middle = (a + b) // 2
+            order.append(frames[middle])
+            gaps += [(a, middle), (middle, b)]
     return order
 
 

@@ -3,6 +3,7 @@
 boundary F1, SSIM (no counts exist for them), and says so where it does."""
 import math
 
+METHOD_NAME = {"self": "own camera", "rig": "whole rig"}
 COUNTS = ("true_positive", "false_positive", "false_negative", "true_negative")
 
 
@@ -97,11 +98,11 @@ def median(values):
 
 
 def stage_times(scores):
-    """Median milliseconds a view per method and verb: list of dicts with lift_ms, build_ms, cast_ms."""
+    """Median milliseconds a view per method and verb: list of dicts with read_ms, lift_ms, build_ms, cast_ms."""
     out = []
     for method, verb in sorted({(r["method"], r["out"]) for r in scores["times"]}, key=lambda k: (k[0] != "self", k[1])):
         rows = select(scores["times"], method=method, out=verb)
-        stages = {k: median([r[k] for r in rows if r[k] is not None]) or 0.0 for k in ("lift_ms", "build_ms", "cast_ms")}
+        stages = {k: median([r[k] for r in rows if r.get(k) is not None]) or 0.0 for k in ("read_ms", "lift_ms", "build_ms", "cast_ms")}
         out.append({"method": method, "out": verb, "views": len(rows), **stages, "total_ms": sum(stages.values())})
     return out
 

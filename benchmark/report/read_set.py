@@ -202,6 +202,8 @@ def read_scores(folder, shifts, frames, cameras):
                     need(row, key, float, name, where)
             if table == "times":
                 need(row, "out", str, name, where)
+                if row.get("read_ms") is not None:
+                    need(row, "read_ms", float, name, where)
             if table in ("masks", "holes"):
                 need(row, "boundary_f1", dict, name, where)
                 for px in ("1", "2", "4"):
@@ -211,7 +213,7 @@ def read_scores(folder, shifts, frames, cameras):
                 for key in ("psnr_db", "ssim"):
                     if row.get(key, 0) is not None:
                         need(row, key, float, name, where)
-    if not data["masks"]:
+    if not (data["masks"] or data["holes"] or data["warps"]):
         refuse(name, "masks", [], "at least one row (run `vshift score` first)")
     return data
 
@@ -219,6 +221,8 @@ def read_scores(folder, shifts, frames, cameras):
 def read_set(folder):
     """The whole of a set but its pictures: folder, manifest, recipe, scores and the lists in order."""
     folder = Path(folder)
+    if folder.name == "set.vshift" and folder.is_file():
+        folder = folder.parent
     if not folder.is_dir():
         refuse(folder.name or str(folder), "folder", "nothing", "the folder of a benchmark set")
     manifest, recipe = read_manifest(folder), read_recipe(folder)
@@ -227,9 +231,10 @@ def read_set(folder):
     frames = [f["index"] for f in recipe["frames"]]
     scores = read_scores(folder, shifts, frames, cameras)
     scored = {(r["method"], r["shift"], r["frame"], r["camera"]) for r in scores["masks"]}
+    methods = {r["method"] for table in ("masks", "holes", "warps") for r in scores[table]}
     return {"folder": folder, "manifest": manifest, "recipe": recipe, "scores": scores, "shifts": shifts,
             "cameras": cameras, "frames": frames, "scored": scored,
-            "methods": [m for m in METHODS if any(s[0] == m for s in scored)],
+            "methods": [m for m in METHODS if m in methods],
             "size": {c["name"]: (c["width"], c["height"]) for c in recipe["cameras"]}}
 
 

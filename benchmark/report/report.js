@@ -36,7 +36,7 @@ function pictures(camera) {
     recorded: { title: "Recorded", note: "where the camera was", base: rec, alt: `Recorded view of ${camera}`, ok: has(rec), why: "not in the set" },
     mask: { title: "Mask", note: s ? `${percent(s.lost)} lost, ${percent(s.unknown)} unknown` : "", base: rec, over: m.mask, dim: false, ok: has(rec) && has(m.mask), why,
       alt: `Mask of ${where}, ${own}: occluded, outside and unknown pixels tinted` + (s ? `; ${percent(s.lost)} lost` : "") },
-    shifted: { title: "Shifted truth", note: "the real render from there", base: v.shifted, ok: has(v.shifted), why, alt: `Real render of ${where}` },
+    shifted: { title: "Shifted truth", note: v.moved ?? "the real render from there", base: v.shifted, ok: has(v.shifted), why, alt: `Real render of ${where}` },
     warp: { title: "Warp", note: has(m.hole_share) ? `${percent(m.hole_share)} holes` : "", base: m.warp, paint: m.hole, ok: has(m.warp), why, alt: `Warp of ${where}, ${own}, holes coloured` },
     holes: { title: "Holes by reason", note: m.holes_share ? `${percent(m.holes_share.disoccluded)} disoccluded, ${percent(m.holes_share.outside)} outside` : "",
       base: has(v.shifted) ? v.shifted : m.warp, over: m.holes, dim: true, ok: has(m.holes) && (has(v.shifted) || has(m.warp)), why, alt: `Holes of ${where}, ${own}, by reason` },
@@ -149,7 +149,7 @@ document.querySelectorAll("[data-filter]").forEach(box => {
     box.querySelectorAll("button").forEach(x => x.setAttribute("aria-pressed", String(x === b)));
     table.dataset["want" + box.dataset.filter] = b.dataset.value;
     for (const body of table.tBodies)
-      body.hidden = ["class", "against"].some(k => { const want = table.dataset["want" + k] ?? (k === "class" ? table.tBodies[0].dataset.first : ""); return want && body.dataset[k] !== undefined && body.dataset[k] !== want; });
+      body.hidden = ["class", "against"].some(k => { const want = table.dataset["want" + k]; return want && body.dataset[k] !== undefined && body.dataset[k] !== want; });
   };
   table.dataset.wantclass = table.querySelector("tbody:not([hidden])")?.dataset.class ?? "";
 });

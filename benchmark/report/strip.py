@@ -7,10 +7,10 @@ from matplotlib import font_manager
 from PIL import Image, ImageDraw, ImageFont
 
 from report import pictures, pool
-from report.read_set import read_channels, refuse
+from report.read_set import refuse
 
 WIDTH, GAP, TOP, BOTTOM = 1600, 8, 30, 34
-PAPER, INK, SOFT, HOLE = (255, 255, 255), (25, 30, 36), (92, 101, 112), (214, 51, 132)
+PAPER, INK, SOFT = (255, 255, 255), (25, 30, 36), (92, 101, 112)
 
 
 def font(size, bold=False):
@@ -50,21 +50,20 @@ def strip_png(data, camera=None, shift=None, method=None):
     """PNG bytes of the strip."""
     camera, shift, method = choose(data, camera, shift, method)
     frame = data["frames"][0]
-    rgb = read_channels(data, f"frames/{frame:04d}/{camera}.exr", camera, ("R", "G", "B"))
-    real = read_channels(data, f"shifts/{shift}/{frame:04d}/{camera}.exr", camera, ("R", "G", "B"))
+    recorded8 = pictures.photo8(data, f"frames/{frame:04d}/{camera}.exr", camera)
+    real8 = pictures.photo8(data, f"shifts/{shift}/{frame:04d}/{camera}.exr", camera)
     got = pictures.read_view(data, shift, frame, camera, method)
-    if rgb is None:
+    if recorded8 is None:
         refuse(f"frames/{frame:04d}/{camera}.exr", "file", "nothing", "the recorded view")
-    recorded8, real8 = pictures.srgb8(rgb), pictures.srgb8(real)
     index = pictures.mask_index(got["mask"])
     warp8 = pictures.srgb8(got["warp"][:, :, :3])
-    warp8[got["warp"][:, :, 3] > .5] = HOLE
+    warp8[got["warp"][:, :, 3] > .5] = pictures.HOLE
     how = pool.shift_label(next(s for s in data["manifest"]["shifts"] if s["name"] == shift))
     whose = {"self": "its own depth", "rig": "the whole rig's depth"}[method]
     chips = {k: pictures.COLOURS[k] for k, v in (("occluded", 1), ("outside", 2), ("unknown", 3)) if (index == v).any()}
     panels = [("Recorded", recorded8, camera, {}),
               ("Mask", lay_over(recorded8, index, pictures.mask_colours(165)), "", chips),
-              ("Warp", warp8, f"from {whose}", {"hole": HOLE}),
+              ("Warp", warp8, f"from {whose}", {"hole": pictures.HOLE}),
               ("Truth", real8, "the real render from there", {})]
     each = (WIDTH - GAP * (len(panels) - 1)) // len(panels)
     high = max(1, round(each * recorded8.shape[0] / recorded8.shape[1]))
