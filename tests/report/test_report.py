@@ -4,6 +4,7 @@
     /usr/bin/python3 tests/report/test_report.py
 """
 import base64
+import contextlib
 import html.parser
 import io
 import json
@@ -24,7 +25,7 @@ sys.path[:0] = [str(HERE), str(ROOT / "benchmark")]
 import fake_set  # noqa: E402
 import numpy as np  # noqa: E402
 from PIL import Image  # noqa: E402
-from report import pictures, pool  # noqa: E402
+from report import make_report, pictures, pool  # noqa: E402
 
 PROGRAM = ROOT / "benchmark" / "report" / "make_report.py"
 SHIFTS = ((0, 1, 0), (0, -2, 0))
@@ -190,7 +191,9 @@ class ReportTest(unittest.TestCase):
         try:
             (broken / "report.html").write_text("old")
             change(broken)
-            got, out, err = make(broken, *words)
+            with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as err:
+                got = make_report.main([str(w) for w in (broken, *words)])
+            out, err = out.getvalue(), err.getvalue()
             self.assertEqual((got, out), (code, ""), err)
             self.assertEqual(len(err.splitlines()), 1, err)
             self.assertRegex(err, message)
@@ -207,6 +210,8 @@ class ReportTest(unittest.TestCase):
                 (folder / "manifest.json").write_text(json.dumps(data))
             return change
         self.refused(lambda f: (f / "manifest.json").write_text('{"vshift_manifest": 1,'), r"^manifest.json: json: got .*, expected valid JSON")
+        code, out, err = make(self.temp / "nowhere")
+        self.assertEqual((code, out, err.count("\n")), (3, "", 1))
         self.refused(lambda f: (f / "manifest.json").unlink(), r"^manifest.json: file: got nothing, expected")
         self.refused(edit(lambda d: d.pop("street")), r"^manifest.json: street: got nothing, expected")
         self.refused(edit(lambda d: d["shifts"][0].update(name="../up")), r"^manifest.json: shifts\[0\].name: got \"../up\", expected")
