@@ -62,7 +62,7 @@ def strip_png(data, camera=None, shift=None, method=None):
     whose = {"self": "its own depth", "rig": "the whole rig's depth"}[method]
     chips = {k: pictures.COLOURS[k] for k, v in (("occluded", 1), ("outside", 2), ("unknown", 3)) if (index == v).any()}
     panels = [("Recorded", recorded8, camera, {}),
-              ("Mask", lay_over(recorded8, index, pictures.mask_colours(165)), "", chips),
+              ("Mask", lay_over(recorded8, index, pictures.mask_colours(165)), "hatched: unseen" if (index == 4).any() else "", chips),
               ("Warp", warp8, f"from {whose}", {"hole": pictures.HOLE}),
               ("Truth", real8, "the real render from there", {})]
     each = (WIDTH - GAP * (len(panels) - 1)) // len(panels)
