@@ -354,3 +354,17 @@ TEST_CASE("depths that are nothing or everything do not break a mask", "[closed]
         holes(rig, as_shifted(v));
     }
 }
+
+TEST_CASE("the shifted camera stands where the convention says", "[closed]") {
+    for (const std::string& name : scene_names()) {
+        const MinimalScene s = make_scene(name);
+        for (const Shift& by : {s.shift, moved(0.3, -0.7, 0.1, 0.4), moved(0, 0, 0, -2)})
+            for (int i = 0; i < int(s.rig.size()); ++i) {
+                const Pose got = compose(s.frames.back(), shifted_ego_from_cam(s.rig[size_t(i)].ego_from_cam, by));
+                const Pose want = s.shifted(by, i, int(s.frames.size()) - 1).world_from_cam;
+                CHECK(glm::distance(got.translation_m, want.translation_m) < 1e-12);
+                for (int axis = 0; axis < 3; ++axis)
+                    CHECK(glm::distance(got.rotation[axis], want.rotation[axis]) < 1e-12);
+            }
+    }
+}
