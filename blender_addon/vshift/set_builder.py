@@ -11,6 +11,7 @@ import os
 import platform
 import sys
 import time
+import zipfile
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -225,6 +226,14 @@ def _first_shift(options):
     return s[:3], s[3]
 
 
+def _savez(out, **arrays):
+    """np.savez_compressed at the fastest level: as small here (30 MB for 2.1 M triangles), four times as fast."""
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as z:
+        for name, a in arrays.items():
+            with z.open(name + ".npy", "w", force_zip64=True) as f:
+                np.lib.format.write_array(f, np.asanyarray(a), allow_pickle=False)
+
+
 def _mesh(options, f, todo, work, temp):
     """(vertices, triangles) of frame f: read back when done, else exported and written."""
     name = f"scene/mesh_{f:04d}.npz"
@@ -238,8 +247,7 @@ def _mesh(options, f, todo, work, temp):
     temporary = temp / "mesh.npz"
     try:
         with open(temporary, "wb") as out:
-            np.savez_compressed(out, vertices=v, triangles=t, triangle_category=category,
-                                categories=np.array(categories))
+            _savez(out, vertices=v, triangles=t, triangle_category=category, categories=np.array(categories))
     except OSError as e:
         raise VshiftError(f"{name}: -: write: got {e.strerror}, expected a whole file", 4) from e
     exr.commit(temporary, options.out / name)

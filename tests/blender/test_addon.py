@@ -278,8 +278,8 @@ class Sets(unittest.TestCase):
 class Proof(unittest.TestCase):
     def test_every_threshold(self):
         small_street.install()
-        figures = proof.run(width=160, height=90)
-        self.assertEqual(figures["failed"], [], json.dumps(figures["checks"], indent=1))
+        figures = proof.run(width=400, height=225)
+        self.assertEqual(figures["failed"], [], json.dumps({n: figures["checks"][n] for n in figures["failed"]}))
         self.assertEqual(figures["triangles"], figures["triangles_by_generator"])
 
 

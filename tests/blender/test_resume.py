@@ -23,7 +23,7 @@ spec.loader.exec_module(manifest)
 def command(folder):
     return [os.environ.get("BLENDER", "blender"), "-b", "--factory-startup", "--python-exit-code", "3", "-P",
             str(ROOT / "tests/blender/run_small.py"), "--", "set", "--out", str(folder), "--width", "64", "--height", "36",
-            "--samples", "1", "--shifts", "0,1,0;0,4,0"]
+            "--samples", "1", "--shifts", "0,1,0;0,4,0;0,-1,0"]
 
 
 def run(folder, stop_after=None, delay_s=0.0, sig=signal.SIGKILL):
@@ -37,6 +37,7 @@ def run(folder, stop_after=None, delay_s=0.0, sig=signal.SIGKILL):
             if len(made) == stop_after:
                 time.sleep(delay_s)
                 child.send_signal(sig)
+    child.stderr.close()
     return child.wait(), made
 
 
@@ -60,7 +61,7 @@ class Resume(unittest.TestCase):
                 for name, item in data["items"].items():
                     if item["status"] == "done":
                         self.assertTrue(manifest.is_done(root / "killed", data, name), name)
-            code, made = run(root / "killed", 2, 0.03, signal.SIGTERM)
+            code, made = run(root / "killed", 2, 0.0, signal.SIGTERM)
             self.assertEqual(code, 130)
             self.assertFalse((root / "killed" / ".tmp").exists())
             all_made += made
