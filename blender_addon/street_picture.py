@@ -8,11 +8,12 @@
 --shift x,y,z moves the car in its own frame. Noise is smoothed by guide passes unless --raw is given.
 """
 import argparse
-import importlib
 import math
+import struct
 import sys
 import tempfile
 import time
+import zlib
 from pathlib import Path
 
 import bpy
@@ -63,6 +64,33 @@ def place_camera(scene, o, street):
     camera.matrix_world = Matrix(m.tolist())
 
 
+def smooth_picture(scene, out):
+    """Renders with guide passes, filters the noise, applies exposure and the sRGB curve, writes a PNG."""
+    from vshift import denoise, exr, views
+    layer = scene.view_layers[0]
+    layer.use_pass_z = layer.use_pass_normal = True
+    layer.use_pass_diffuse_direct = layer.use_pass_diffuse_indirect = layer.use_pass_diffuse_color = True
+    s = scene.render.image_settings
+    if hasattr(s, "media_type"):
+        s.media_type = "MULTI_LAYER_IMAGE"
+    s.file_format, s.color_depth = "OPEN_EXR_MULTILAYER", "32"
+    with tempfile.TemporaryDirectory(prefix="street_") as temp:
+        scene.render.filepath = str(Path(temp) / "street.exr")
+        bpy.ops.render.render(write_still=True)
+        channels = exr.read(Path(scene.render.filepath))
+    passes = {k: views._pass(channels, k) for k in ("Combined", "Depth", "Normal", "DiffCol", "DiffDir", "DiffInd")}
+    rgb = denoise.smooth(passes) * 2.0 ** scene.view_settings.exposure
+    rgb = np.clip(rgb, 0.0, 1.0)
+    coded = np.where(rgb <= 0.0031308, 12.92 * rgb, 1.055 * rgb ** (1 / 2.4) - 0.055)
+    h, w = coded.shape[:2]
+    rows = np.zeros((h, 1 + 3 * w), np.uint8)
+    rows[:, 1:] = np.round(coded * 255).astype(np.uint8).reshape(h, -1)
+    def chunk(tag, data):
+        return struct.pack(">I", len(data)) + tag + data + struct.pack(">I", zlib.crc32(tag + data))
+    out.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", w, h, 8, 2, 0, 0, 0))
+                    + chunk(b"IDAT", zlib.compress(rows.tobytes(), 6)) + chunk(b"IEND", b""))
+
+
 def main(argv):
     o = options(argv)
     for folder in (str(HERE), str(HERE.parent / "scenes")):
@@ -82,13 +110,17 @@ def main(argv):
     r = scene.render
     r.resolution_x, r.resolution_y, r.resolution_percentage = o.width, o.height, 100
     scene.cycles.samples = o.samples
-    r.image_settings.file_format = "PNG"
-    r.image_settings.color_mode = "RGB"
-    r.filepath = str(Path(o.out).resolve())
+    out = Path(o.out).resolve()
     built = time.perf_counter()
-    bpy.ops.render.render(write_still=True)
-    if not Path(r.filepath).is_file():
-        raise RuntimeError(r.filepath + ": the picture was not written")
+    if o.raw:
+        r.image_settings.file_format = "PNG"
+        r.image_settings.color_mode = "RGB"
+        r.filepath = str(out)
+        bpy.ops.render.render(write_still=True)
+    else:
+        smooth_picture(scene, out)
+    if not out.is_file():
+        raise RuntimeError(str(out) + ": the picture was not written")
     print("street: generate %.2f s, build %.2f s, render %.1f s, %d triangles" % (
         made - began, built - made, time.perf_counter() - built, street.triangle_count()))
 

@@ -30,9 +30,9 @@ PLAIN = {
     "goods2": ((.62, .50, .22), .55, 0, .3), "goods3": ((.10, .26, .42), .55, 0, .3),
 }
 # Lit things: colour, strength. None is sampled as a lamp: at few samples that only makes noise.
-GLOWING = {"signal_green": ((.03, .85, .42), 2.6), "signal_red": ((.95, .04, .02), 2.4), "signal_amber": ((.95, .45, .02), 2.0), "shop_lamp": ((1.0, .90, .72), 3.2)}
-INTERIOR = {"shop_wall": (.66, .58, .47), "shop_ceiling": (.72, .70, .66), "shop_floor": (.30, .20, .12), "goods0": (.55, .10, .07), "goods1": (.16, .38, .13), "goods2": (.66, .48, .16),
-            "goods3": (.10, .24, .42), "shelf": (.42, .28, .16), "bread": (.55, .30, .10), "mannequin": (.66, .60, .52)}
+GLOWING = {"signal_green": ((.03, .85, .42), 2.6), "signal_red": ((.95, .04, .02), 2.4), "signal_amber": ((.95, .45, .02), 2.0), "shop_lamp": ((1.0, .90, .72), 1.7)}
+INTERIOR = {"shop_wall": (.66, .58, .47), "shop_ceiling": (.72, .70, .66), "shop_floor": (.30, .20, .12), "goods0": (.40, .09, .06), "goods1": (.17, .25, .13), "goods2": (.58, .47, .30),
+            "goods3": (.12, .19, .30), "shelf": (.42, .28, .16), "bread": (.55, .30, .10), "mannequin": (.66, .60, .52)}
 AWNINGS = {"awning0": ((.04, .22, .16), (.78, .76, .70)), "awning1": ((.45, .05, .04), (.78, .74, .66)), "awning2": ((.05, .10, .30), (.78, .77, .73)), "awning3": ((.62, .36, .06), (.78, .74, .64))}
 
 
@@ -49,12 +49,10 @@ def make(name, images):
         c = INTERIOR[name]
         n = g.noise(g.local(), 2.0, 1)
         c = g.mix(g.ramp(n, .3, .7, 0, .5), c, tuple(v * .72 for v in c))
-        g.surface(g.principled(color=c, rough=.6, spec=.3, emission=c, emission_strength=.20))
-        _no_lamp(m)
+        g.surface(g.principled(color=c, rough=.6, spec=.3, emission=c, emission_strength=.15))
     elif name in GLOWING:
         c, k = GLOWING[name]
         g.surface(g.principled(color=c, rough=.3, emission=c, emission_strength=k))
-        _no_lamp(m)
     elif name in AWNINGS:
         _awning(g, *AWNINGS[name])
     else:
@@ -62,6 +60,7 @@ def make(name, images):
         n = g.noise(g.local(), 5.0, 2)
         c = g.mix(g.ramp(n, .35, .75, 0, .45), c, tuple(v * .7 + .012 for v in c))
         g.surface(g.principled(color=c, rough=r, metal=metal, spec=spec))
+    _no_lamp(m)
     m.diffuse_color = (.5, .5, .5, 1)
     return m
 
@@ -97,7 +96,7 @@ def _road(g, images):
     base = g.mix(broad, (.060, .061, .064), (.105, .104, .101))
     base = g.scale(base, g.ramp(streak, .3, .7, .80, 1.18))
     base = g.scale(base, g.ramp(mid, .25, .75, .86, 1.12))
-    base = g.scale(base, g.ramp(fine, .25, .75, .70, 1.32))
+    base = g.scale(base, g.ramp(fine, .25, .75, .84, 1.16))
     # Patches: newer and darker or older and lighter, by place; a tarred seam around each.
     inside = g.ramp(patch, .497, .503)
     tone = g.noise(g.stretched(pos, .13, .13, 0), 1.0, 0)
@@ -136,7 +135,7 @@ def _road(g, images):
     rough = g.mix_value(iron, rough, .38)
     rough = g.mix_value(pool, rough, .035)
     height = g.add(fine, g.mul(g.mul(waffle, iron), 1.2))
-    normal = g.bump(height, g.mul(g.ramp(pool, 0, 1, 1, 0), g.ramp(damp, 0, 1, .42, .15)), .012)
+    normal = g.bump(height, g.mul(g.ramp(pool, 0, 1, 1, 0), g.ramp(damp, 0, 1, .22, .10)), .010)
     g.surface(g.principled(color=base, rough=rough, spec=g.mix_value(pool, .38, .62), normal=normal))
 
 

@@ -11,6 +11,9 @@ _PRINCIPLED = {
 }
 
 
+AMBIENT = 0.065
+
+
 class Graph:
     """Wraps one node tree; sockets and plain numbers can be mixed freely as inputs."""
 
@@ -144,6 +147,9 @@ class Graph:
     # -- out
     def principled(self, **inputs):
         n = self.node("ShaderNodeBsdfPrincipled")
+        # A little light of its own stands for many bounces in the street's shade: no noise, no cost.
+        if "emission" not in inputs:
+            inputs["emission"], inputs["emission_strength"] = inputs["color"], AMBIENT
         for k, v in inputs.items():
             for name in _PRINCIPLED[k]:
                 if name in n.inputs:

@@ -20,8 +20,9 @@ from .street_nodes import Graph
 # Direction to the sun in the world frame: behind the ego and a little left, so
 # that the right fronts lie in the light and the left ones in open shade.
 SUN_DIRECTION = (-0.62, 0.36, 0.58)
-SUN_STRENGTH, SUN_COLOUR, SUN_ANGLE_RAD = 4.6, (1.0, 0.88, 0.70), 0.020
-SKY_STRENGTH = 0.95
+SUN_STRENGTH, SUN_COLOUR, SUN_ANGLE_RAD = 4.7, (1.0, 0.89, 0.73), 0.020
+SKY_STRENGTH = 1.45            # as light; cameras and mirrors see SEEN_SKY of it
+SEEN_SKY = 0.66
 
 
 def build(street, scene=None):
@@ -133,7 +134,7 @@ def _light(scene, collection):
     # A gradient of our own: the same on every Blender, and smooth enough for few samples.
     h = g.ramp(z, 0.0, 0.9)
     k = g.math("POWER", h, 0.45)
-    sky = g.mix(k, (0.78, 0.83, 0.88), (0.155, 0.33, 0.70))
+    sky = g.mix(k, (0.78, 0.83, 0.88), (0.15, 0.36, 0.80))
     glow = g.ramp(_dot(g, d, SUN_DIRECTION), 0.2, 1.0)
     sky = g.mix(g.mul(glow, .35), sky, (1.0, 0.90, 0.74))
     # Clouds on a flat layer above; only cameras and mirrors see them, diffuse light stays smooth.
@@ -145,7 +146,7 @@ def _light(scene, collection):
     clouds = g.mix(g.mul(cover, .80), sky, shade)
     path = g.node("ShaderNodeLightPath")
     seen = g.math("MAXIMUM", path.outputs["Is Camera Ray"], path.outputs["Is Glossy Ray"])
-    colour = g.mix(seen, sky, clouds)
+    colour = g.mix(seen, sky, g.scale(clouds, SEEN_SKY))
     ground = g.math("LESS_THAN", z, -0.002)
     colour = g.mix(ground, colour, (.12, .115, .11))
     b = g.node("ShaderNodeBackground", {"Color": colour, "Strength": SKY_STRENGTH})
@@ -180,4 +181,4 @@ def look(scene):
     v = scene.view_settings
     v.view_transform = "Standard"
     v.look = "None"
-    v.exposure, v.gamma = 0.15, 1.0
+    v.exposure, v.gamma = 0.05, 1.0

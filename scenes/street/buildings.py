@@ -17,11 +17,11 @@ from .shops import shop_front
 
 STYLES = ("plaster", "brick", "stone", "render")
 WALL_COLOURS = {
-    "plaster": [(0.66, 0.60, 0.47), (0.70, 0.66, 0.58), (0.62, 0.50, 0.36), (0.55, 0.56, 0.55), (0.68, 0.56, 0.44), (0.60, 0.42, 0.32),
-                (0.50, 0.55, 0.58), (0.72, 0.68, 0.52), (0.58, 0.60, 0.50)],
+    "plaster": [(0.58, 0.52, 0.40), (0.60, 0.56, 0.49), (0.62, 0.50, 0.36), (0.55, 0.56, 0.55), (0.58, 0.46, 0.35), (0.55, 0.36, 0.27),
+                (0.50, 0.55, 0.58), (0.60, 0.55, 0.40), (0.58, 0.60, 0.50)],
     "brick": [(0.36, 0.15, 0.10), (0.42, 0.22, 0.14), (0.30, 0.13, 0.10), (0.46, 0.30, 0.20), (0.40, 0.17, 0.13)],
-    "stone": [(0.56, 0.52, 0.45), (0.50, 0.48, 0.44), (0.60, 0.55, 0.46)],
-    "render": [(0.70, 0.70, 0.69), (0.62, 0.63, 0.64), (0.66, 0.62, 0.56), (0.48, 0.50, 0.52)],
+    "stone": [(0.56, 0.52, 0.45), (0.50, 0.48, 0.44), (0.54, 0.48, 0.39)],
+    "render": [(0.60, 0.60, 0.59), (0.62, 0.63, 0.64), (0.66, 0.62, 0.56), (0.48, 0.50, 0.52)],
 }
 
 
@@ -45,6 +45,7 @@ class Style:
     roof: str             # "flat", "mansard", "gable"
     cornice_m: float
     shop: bool
+    far: bool = False     # closes a view far off: shops without goods
 
     def height(self):
         return self.ground_m + self.floors * self.floor_m
@@ -127,10 +128,10 @@ def railing(width, height, detail, material="iron", depth=0.0):
     """A railing along x from 0 to width at y = 0: rails and bars, closed solids; `depth` adds returns to +y."""
     b = Builder()
     def run(n, place, length):
-        k = max(2, int(length / (0.11 if detail >= 3 else 0.15)))
+        k = max(2, int(length / (0.11 if detail >= 3 else 0.165)))
         u = (np.arange(k) + 0.5) / k * length
         lo, hi = place(u)
-        b.rods(material, lo, hi, 0.008, 4)
+        b.rods(material, lo, hi, 0.009, 3 if detail < 3 else 6)
     zt = height
     b.box(material, -.02, width + .02, -.022, .022, zt - .035, zt)
     b.box(material, -.02, width + .02, -.015, .015, .07, .10)
@@ -249,8 +250,9 @@ def facade(b, style, rng, width, detail, shops=True, margin0=0.0, margin1=0.0, s
 def _dress(b, style, rng, width, detail, pitch, w, modern, frames, french_frames, blinds, sills, heads, balconies, n, h):
     """Frames, sills, surrounds, balconies, pipes and boxes of one front."""
     hw = min(style.window_h, style.floor_m - .35 - style.sill_m)
-    b.merge_at(window_frame(w, hw, detail, modern), frames)
-    b.merge_at(window_frame(w, hw + style.sill_m - .12, detail, modern), french_frames)
+    plain = modern or style.far
+    b.merge_at(window_frame(w, hw, detail, plain), frames)
+    b.merge_at(window_frame(w, hw + style.sill_m - .12, detail, plain), french_frames)
     if sills:
         s = np.array(sills)
         b.boxes("trim", np.c_[s[:, 0] - w / 2 - .08, 0 * s[:, 0] - .10, s[:, 1] - .09], np.c_[s[:, 0] + w / 2 + .08, 0 * s[:, 0] + style.recess_m - .06, s[:, 1] + .012])
@@ -279,19 +281,19 @@ def _dress(b, style, rng, width, detail, pitch, w, modern, frames, french_frames
             o = np.zeros(len(a))
             b.boxes("shutter", np.c_[x0 - .23, o - .075, a[:, 1]], np.c_[x0 + .23, o - .046, a[:, 2]])
             if detail >= 2:
-                for k in range(9):
-                    z = a[:, 1] + (a[:, 2] - a[:, 1]) * (k + .8) / 9.6
+                for k in range(7):
+                    z = a[:, 1] + (a[:, 2] - a[:, 1]) * (k + .8) / 7.6
                     b.boxes("shutter", np.c_[x0 - .19, o - .092, z - .05], np.c_[x0 + .19, o - .0745, z + .015])
     bw = min(pitch - .3, w + .8)
     if balconies:
-        b.merge_at(balcony(bw, detail), [(u - bw / 2, 0, z) for u, z in balconies])
+        b.merge_at(balcony(bw, 1 if style.far else detail), [(u - bw / 2, 0, z) for u, z in balconies])
         for u, z in balconies:
-            if rng.random() < .35:      # flower boxes on the rail
+            if rng.random() < .35 and not style.far:      # flower boxes on the rail
                 b.box("planter_box", u - .45, u + .45, -1.02, -.87, z + .72, z + .90)
-                k = 14
+                k = 9
                 uu = (np.arange(k) + .5) / k * .9 - .45 + u
                 zz = z + .90 + np.array([rng.random() * .16 for _ in range(k)])
-                b.boxes("flowers", np.c_[uu - .045, np.full(k, -1.03), np.full(k, z + .86)], np.c_[uu + .045, np.full(k, -.86), zz])
+                b.boxes("flowers", np.c_[uu - .06, np.full(k, -1.03), np.full(k, z + .86)], np.c_[uu + .06, np.full(k, -.86), zz])
     # Quoins.
     if style.quoins:
         k = int((h - style.ground_m - .8) / .5)
@@ -382,10 +384,11 @@ def roof(b, style, rng, width, depth, detail):
             b.lathe("roof_tile", [(.13, 0), (.15, .0), (.12, .45), (.0, .45)], 10, (u + .25 + .4 * q, y + .27, z + 1.3))
 
 
-def build_building(seed, key, width, depth, detail, left_open=False, right_open=False, shop=True):
+def build_building(seed, key, width, depth, detail, left_open=False, right_open=False, shop=True, far=False):
     """(Builder, Style, height): a terrace house; open sides (corner houses) get a facade too."""
     rng = stream(seed, "building", key, "style")
     style = style_of(rng, shop)
+    style.far = far
     b = Builder()
     h = style.height()
     if detail == 0:

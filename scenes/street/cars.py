@@ -111,7 +111,7 @@ def _half_width(spec, x):
 
 def _stations(spec, detail):
     half = spec.length / 2
-    n_end, n_arch, step = {1: (6, 9, 0.5), 2: (9, 15, 0.28), 3: (14, 25, 0.16)}[detail]
+    n_end, n_arch, step = {1: (6, 9, 0.5), 2: (6, 9, 0.7), 3: (14, 25, 0.16)}[detail]
     t = np.arange(n_end + 1) / n_end
     xs = list(half - spec.nose_round * t * t) + list(-half + spec.tail_round * t * t)
     arch = spec.wheel_r * 1.13
@@ -144,7 +144,7 @@ def _lower_body(b, spec, detail):
     for w in spec.wheel_x:
         d = x - w
         low = np.maximum(low, np.where(np.abs(d) < arch, spec.wheel_r + np.sqrt(np.clip(arch * arch - d * d, 0, None)), 0))
-    f = {1: [0, .12, .35, .60, .88, 1], 2: [0, .03, .12, .22, .34, .46, .60, .70, .80, .90, .97, 1],
+    f = {1: [0, .12, .35, .60, .88, 1], 2: [0, .12, .22, .34, .46, .60, .75, .90, 1],
          3: [0, .03, .08, .14, .22, .28, .34, .40, .46, .53, .60, .67, .74, .80, .85, .90, .94, .97, 1]}[detail]
     f = np.array(f)
     z = low[:, None] + f * (sh - low)[:, None]
@@ -166,7 +166,7 @@ def _lower_body(b, spec, detail):
     xx = x[:, None] - front * lean_f + back * lean_b
     # Bonnet, boot and the hidden deck under the cabin: a fillet, then a crowned deck to the middle.
     ys, zs, xs = [yy], [z], [xx]
-    for share, up, inward in ((.985, .014, .012), (.955, .026, .03), (.90, .036, .06), (.70, .062, .10), (.45, .080, .13), (.2, .089, .15), (0, .091, .155)):
+    for share, up, inward in ((.985, .014, .012), (.955, .026, .03), (.90, .036, .06), (.66, .066, .105), (.33, .086, .14), (0, .091, .155)):
         e = yy[:, -1:] * share
         ys.append(e)
         zs.append((sh + up * np.clip(spec.width / 1.8, 1, 1.2))[:, None] - (0.03 * front + 0.01 * back) * (1 if share < .95 else .5))
@@ -211,9 +211,7 @@ def _lower_materials(spec, X, Y, Z, n_under, n_side, f, detail):
     m[side & front & (fc > .60) & (fc < .80) & (cy < 0.50 * w)] = 5 if spec.kind != "bus" else 0
     if detail >= 2:
         for d in spec.doors:
-            m[side & (np.abs(xm - d) < 0.0039) & (fc > .03)] = 6
-        if spec.kind != "bus" and spec.kind != "van":  # bumper joint behind the wheels' outer side
-            m[side & (fc > .455) & (fc < .60) & (cx < -half + 0.10) & (cy < .60 * w) & False] = 6
+            m[side & (np.abs(xm - d) < 0.0039) & (fc > trim)] = 6
     return m
 
 
@@ -234,7 +232,7 @@ def _mirrored_grid(b, X, Y, Z, m, closed_ring=True):
         sel = f[mm == k]
         if len(sel):
             used, inverse = np.unique(sel, return_inverse=True)
-            b.add(name, v[used], inverse.reshape(-1, 4).astype(np.int32)[:, ::-1], smooth=name != "car_seam")
+            b.add(name, v[used], inverse.reshape(-1, 4).astype(np.int32), smooth=name != "car_seam")
 
 
 def _greenhouse(b, spec, detail):
@@ -243,13 +241,13 @@ def _greenhouse(b, spec, detail):
     v = {1: [0, .12, .50, .90, 1.0], 2: [0, .07, .12, .34, .62, .89, .95, 1.0], 3: [0, .07, .12, .22, .34, .48, .62, .76, .89, .93, .97, 1.0]}[detail]
     v = np.array(v)
     j_glass0, j_glass1 = int(np.argmin(abs(v - .12))), int(np.argmin(abs(v - .89)))
-    na, nc, ns = {1: (3, 1, 1), 2: (5, 3, 3), 3: (8, 5, 5)}[detail]
+    na, nc, ns = {1: (3, 1, 1), 2: (4, 3, 2), 3: (8, 5, 5)}[detail]
     bow_f = 0.20 if spec.kind != "bus" else 0.14
     bow_r = 0.14 if spec.kind == "car" else 0.05
     cor = 0.13 if spec.kind == "car" else 0.10
     gw = w * (0.955 + (spec.roof_width - 0.955) * (0.45 * v + 0.55 * v * v))
-    fx = spec.glass_front[0] + (spec.glass_front[1] - spec.glass_front[0]) * (v + 0.16 * v * (v - 1) * -1)
-    rx = spec.glass_rear[0] + (spec.glass_rear[1] - spec.glass_rear[0]) * (v - 0.16 * v * (1 - v) * -1 * -1)
+    fx = spec.glass_front[0] + (spec.glass_front[1] - spec.glass_front[0]) * (v + 0.16 * v * (1 - v))
+    rx = spec.glass_rear[0] + (spec.glass_rear[1] - spec.glass_rear[0]) * (v - 0.16 * v * (1 - v))
     # Ring of points from the front middle over the left flank to the rear middle.
     xs, ys, pane = [], [], []   # pane[i]: kind of the cell between point i and i+1
     for a in np.arange(na + 1) / na:
@@ -280,7 +278,7 @@ def _greenhouse(b, spec, detail):
         c = np.sqrt(np.clip(1 - a * a, 0, 1))
         xs.append(rx + bow_r + cor * (1 - a) * (1 - .5 * a)); ys.append(gw * (0.86 + 0.14 * c)); pane.append("rear" if a == 1 else "pillar")
     for a in np.arange(1, na + 1) / na:
-        xs.append(rx + bow_r * (1 - a) ** 2 * (1 if True else 0)); ys.append(gw * 0.86 * (1 - a)); pane.append("rear")
+        xs.append(rx + bow_r * (1 - a) ** 2); ys.append(gw * 0.86 * (1 - a)); pane.append("rear")
     pane = pane[:-1]
     X, Y = np.array(xs), np.array(ys)                        # (ring, level)
     base = curve(spec.shoulder, X[:, 0]) - 0.05
@@ -365,18 +363,17 @@ def wheel(spec, detail):
     """One wheel about the y axis at the origin, its outer face to +y."""
     r, width = spec.wheel_r, 0.205 if spec.kind != "bus" else 0.30
     b = Builder()
-    sides = {1: 14, 2: 26, 3: 44}[detail]
+    sides = {1: 14, 2: 20, 3: 44}[detail]
     h = width / 2
     rim = r * 0.66
     if detail == 1:
         b.lathe("tyre", [(0, -h), (r, -h), (r, -h), (r, h), (r, h), (0, h)], sides)
         b.lathe("rim", [(0, h + .004), (rim, h + .004), (rim, h + .004), (0, h + .012)], sides)
     else:
-        b.lathe("tyre", [(rim, -h), (r * .93, -h * 1.02), (r * .985, -h * .86), (r, -h * .6), (r, h * .6), (r * .985, h * .86),
-                         (r * .93, h * 1.02), (r * .80, h * 1.04), (rim + .004, h * .97), (rim - .01, h * .80), (rim - .012, -h * .2), (0, -h * .2)], sides)
-        b.lathe("car_under", [(0, -h), (rim, -h)], sides)
-        b.lathe("rim", [(rim - .016, h * .86), (rim + .006, h * .99), (rim + .008, h * 1.03), (rim - .006, h * 1.05), (rim - .022, h * .95), (rim - .028, h * .55), (rim - .03, h * .0)], sides)
-        b.lathe("brake", [(rim * .18, h * .05), (rim * .72, h * .05), (rim * .72, h * .05), (rim * .72, h * -.05)], sides)
+        b.lathe("tyre", [(0, -h), (r * .93, -h), (r * .93, -h), (r * .99, -h * .82), (r * .99, h * .82),
+                         (r * .93, h * 1.02), (r * .80, h * 1.04), (rim + .004, h * .97), (rim - .012, h * .6)], sides)
+        b.lathe("rim", [(rim + .008, h * .96), (rim + .007, h * 1.04), (rim - .008, h * 1.05), (rim - .024, h * .93), (rim - .03, h * .05)], sides)
+        b.lathe("brake", [(rim - .029, h * .05), (0, h * .06)], sides)
         hub = Builder()
         hub.lathe("rim", [(.045 + .02, h * .10), (.065, h * .80), (.05, h * .90), (0, h * .92)], 12)
         b.merge(hub)
@@ -384,7 +381,7 @@ def wheel(spec, detail):
         p = np.array([[.03, -.030, h * .55], [.03, .030, h * .55], [.03, .024, h * .86], [.03, -.024, h * .86]])
         q = np.array([[rim - .02, -.034, h * .60], [rim - .02, .034, h * .60], [rim - .02, .026, h * .90], [rim - .02, -.026, h * .90]])
         mid = 0.5 * (p + q) * np.array([1, .70, 1.0]) + np.array([0, 0, .012 * 1.0])
-        spoke.loft("rim", np.stack([p, mid, q]), smooth=False, flip=False)
+        spoke.loft("rim", np.stack([p, mid, q] if detail > 2 else [p, q]), smooth=False, flip=False)
         b.merge(spoke, [rotation_z(2 * np.pi * k / 5) for k in range(5)])
     out = Builder()
     out.merge(b, [rotation_x(-np.pi / 2)])
@@ -434,9 +431,9 @@ def _small_parts(b, spec, plate_uv):
         zr = 0.80
     # Number plates: thin boxes sunk into the bumpers, lettering on the outer face.
     for x, s, z in ((half - 0.015, 1, zf), (-half + 0.035, -1, zr)):
-        b.box("car_plastic", x - .04, x + .04 if s > 0 else x + .04, -.28, .28, z - .075, z + .075)
+        b.box("car_plastic", x - .04, x + .04, -.28, .28, z - .075, z + .075)
         xo = x + s * 0.046
-        q = [(xo, -s * .26 * -1 * -1, z - .055), (xo, s * .26, z - .055), (xo, s * .26, z + .055), (xo, -s * .26, z + .055)]
+        q = [(xo, -s * .26, z - .055), (xo, s * .26, z - .055), (xo, s * .26, z + .055), (xo, -s * .26, z + .055)]
         b.quads("sign_atlas", [q], [[(u0, v0), (u1, v0), (u1, v1), (u0, v1)]])
     if spec.kind == "bus":
         for s in (1, -1):
@@ -444,7 +441,7 @@ def _small_parts(b, spec, plate_uv):
             _rounded_box(b, "car_plastic", (half + .26, s * (w + .04), 2.02), (.10, .20, .40))
         _rounded_box(b, "car_plastic", (1.5, 0, spec.roof + .10), (2.2, 1.7, .30), .08)
         _rounded_box(b, "car_plastic", (-3.2, 0, spec.roof + .09), (1.6, 1.6, .28), .08)
-        (u0, v0), (u1, v1) = __import__("street.atlas", fromlist=["uv_rect"]).uv_rect("ad0") if False else plate_uv
+        _bus_signs(b, spec)
         return
     # Mirrors on stalks.
     xm = spec.glass_front[0] - 0.42
@@ -466,9 +463,9 @@ def _small_parts(b, spec, plate_uv):
     if spec.kind == "car":
         b.tube("chrome", [(-half + .03, .48 * w, spec.sill + .06), (-half + .22, .48 * w, spec.sill + .06)], .032, 10)
         xr = spec.glass_rear[1] + .12
-        b.loft("car_paint", np.stack([np.c_[np.full(6, xr), circle(6) * [.022, .01] + [0, spec.roof - .02]],
-                                      np.c_[np.full(6, xr - .10), circle(6) * [.020, .03] + [0, spec.roof + .02]],
-                                      np.c_[np.full(6, xr - .16), circle(6) * [.008, .05] + [0, spec.roof + .02]]]), flip=True)
+        b.loft("car_paint", np.stack([np.c_[np.full(6, xr), circle(6) * [.014, .01] + [0, spec.roof - .025]],
+                                      np.c_[np.full(6, xr - .10), circle(6) * [.012, .02] + [0, spec.roof - .01]],
+                                      np.c_[np.full(6, xr - .16), circle(6) * [.004, .025] + [0, spec.roof - .005]]]), flip=True)
     if spec.rails:
         x0, x1 = spec.glass_front[1] - .15, spec.glass_rear[1] + .15
         yr, zr = w * spec.roof_width * .90, spec.roof - .015
@@ -484,6 +481,23 @@ def _small_parts(b, spec, plate_uv):
     zt = spec.sill + .62 * (float(curve(spec.shoulder, np.array([-half]))[0]) - spec.sill)
     v2 = np.stack([-v[:, 2] - half + .03, -v[:, 0], v[:, 1] + zt + .10], 1)
     b.add("chrome", v2, chunk[1], smooth=True)
+
+
+def _bus_signs(b, spec):
+    """Line number over the windscreen, banners along the flanks."""
+    from .atlas import uv_rect
+    half, w = spec.length / 2, spec.width / 2
+    def board(name, corners):
+        (u0, v0), (u1, v1) = uv_rect(name)
+        b.quads("sign_atlas", [corners], [[(u0, v0), (u1, v0), (u1, v1), (u0, v1)]])
+    x = half - .16
+    b.box("car_plastic", x - .3, x + .02, -.85, .85, 2.66, 2.92)
+    board("number0", [(x + .0205, -.80, 2.70), (x + .0205, .80, 2.70), (x + .0205, .80, 2.89), (x + .0205, -.80, 2.89)])
+    for s in (1, -1):
+        y = s * (w + .012)
+        b.box("car_plastic", -2.0, 2.0, min(y, s * (w - .05)), max(y, s * (w - .05)), .55, 1.05)
+        x0, x1 = (1.95, -1.95) if s > 0 else (-1.95, 1.95)
+        board("ad0", [(x0, y + s * .0005, .58), (x1, y + s * .0005, .58), (x1, y + s * .0005, 1.02), (x0, y + s * .0005, 1.02)])
 
 
 CAR_COLOURS = [(0.80, 0.81, 0.82), (0.62, 0.64, 0.66), (0.33, 0.35, 0.37), (0.035, 0.037, 0.042), (0.10, 0.11, 0.125), (0.42, 0.025, 0.02),

@@ -195,11 +195,11 @@ def bicycle(detail, leaning=True):
     """A city bicycle along x; leaning a little unless ridden."""
     g = Builder()
     r = .34
-    n = 16 if detail < 3 else 32
+    n = 12 if detail < 3 else 32
     for x in (-.52, .54):
-        _ring(g, "tyre", (x, 0, r), r - .018, .018, n, 6)
-        _ring(g, "chrome", (x, 0, r), r - .04, .010, n, 4)
-        k = 10 if detail < 3 else 20
+        _ring(g, "tyre", (x, 0, r), r - .018, .018, n, 5)
+        _ring(g, "chrome", (x, 0, r), r - .04, .010, n, 3)
+        k = 8 if detail < 3 else 20
         a = [2 * math.pi * i / k for i in range(k)]
         g.rods("chrome", [(x, (-1) ** i * .018, r) for i in range(k)], [(x + round((r - .045) * math.cos(q), 6), 0, r + round((r - .045) * math.sin(q), 6)) for i, q in enumerate(a)], .0025, 3)
         g.rods("chrome", [(x, -.05, r)], [(x, .05, r)], .022, 8)

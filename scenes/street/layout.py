@@ -87,7 +87,7 @@ def _widths(rng, length):
     return w / w.sum() * length
 
 
-def _row(s, key, start, end, place, first_open, last_open, shop=True):
+def _row(s, key, start, end, place, first_open, last_open, shop=True, far=False):
     """Terrace houses from start to end; `place(a, b)` gives (matrix, reversed)."""
     w = _widths(stream(s.seed, "row", key), end - start)
     a = start
@@ -99,7 +99,7 @@ def _row(s, key, start, end, place, first_open, last_open, shop=True):
         m, rev = place(a, b + over, setback)
         lo, hi = first_open and k == 0, last_open and k + 1 == len(w)
         name = "house." + key + "." + str(k)
-        bld, style, h = build_building(s.seed, name, b + over - a, s.plan.depth - .13 * (k % 2), s.detail, hi if rev else lo, lo if rev else hi, shop)
+        bld, style, h = build_building(s.seed, name, b + over - a, s.plan.depth - .13 * (k % 2), s.detail, hi if rev else lo, lo if rev else hi, shop, far)
         s.place(name, s.add_model(name, bld, "building"), m, "building", colour=style.colour,
                 solid=(((b + over - a) / 2, s.plan.depth / 2, h / 2), ((b + over - a) / 2, s.plan.depth / 2, h / 2)))
         a = b
@@ -116,11 +116,11 @@ def _houses(s, p):
         _row(s, "XB" + side, y0, y1, lambda a, b, d: (pose(xb + d, b, WALK, -math.pi / 2), True), False, False, False)
     # Rows that close the views: across the ends of the street and of the cross street.
     e = p.end_road + p.end_walk
-    _row(s, "E", -46.0, 46.0, lambda a, b, d: (pose(p.x_max + e + d, b, WALK, -math.pi / 2), True), False, False)
-    _row(s, "W", -46.0, 46.0, lambda a, b, d: (pose(p.x_min - e - d, a, WALK, math.pi / 2), False), False, False)
+    _row(s, "E", -46.0, 46.0, lambda a, b, d: (pose(p.x_max + e + d, b, WALK, -math.pi / 2), True), False, False, far=True)
+    _row(s, "W", -46.0, 46.0, lambda a, b, d: (pose(p.x_min - e - d, a, WALK, math.pi / 2), False), False, False, far=True)
     y = p.cross_end_y + 2.6
-    _row(s, "N", p.cross_x - 7.6, p.cross_x + 7.6, lambda a, b, d: (pose(a, y + d, WALK - .004), False), False, False)
-    _row(s, "S", p.cross_x - 7.6, p.cross_x + 7.6, lambda a, b, d: (pose(b, -y - d, WALK - .004, math.pi), True), False, False)
+    _row(s, "N", p.cross_x - 8.9, p.cross_x + 8.9, lambda a, b, d: (pose(a, y + d, WALK - .004), False), False, False)
+    _row(s, "S", p.cross_x - 8.9, p.cross_x + 8.9, lambda a, b, d: (pose(b, -y - d, WALK - .004, math.pi), True), False, False)
 
 
 # ------------------------------------------------------------------ street furniture
@@ -142,6 +142,10 @@ def _furniture(s, p):
     models = {}
 
     def model(name, made, category="furniture"):
+        if d == 0 and category in ("furniture", "bicycle", "plant", "fence"):
+            b, (c, h) = Builder(), made[1]
+            b.boxes(next(iter(made[0].chunks))[0], np.subtract(c, h), np.add(c, h))
+            made = (b, made[1])
         models[name] = (s.add_model(name, made[0], category), made[1], category)
 
     def put(name, tag, m, colour=None):
@@ -159,7 +163,6 @@ def _furniture(s, p):
     stop, stop_back = p.stop_lines()
     put("mast_l", "ego", pose(stop + .9, yr, WALK))
     put("mast_l", "ego_back", pose(stop_back - .9, yl, WALK, math.pi))
-    put("mast_r", "far_left", pose(p.cross_x + p.cross_half + 1.6, yl + .3, WALK)) if False else None
     put("mast_red", "south", pose(p.cross_x + p.cross_half + .8, p.kerb_right - 5.4, WALK, math.pi / 2))
     put("mast_red", "north", pose(p.cross_x - p.cross_half - .8, p.kerb_left + 5.4, WALK, -math.pi / 2))
     lamps = _lamp_places(s, p)
@@ -174,8 +177,6 @@ def _furniture(s, p):
             put("sign%d" % n, str(k), pose(x - 4.6, p.kerb_left + 6.5, WALK, -math.pi / 2))
         else:
             put("sign%d" % n, str(k), pose(x, (yl - .25) if side else (yr + .25), WALK, math.pi if side else 0.0))
-    if d == 0:
-        small = ()
     model("hydrant", furniture.hydrant())
     model("bin", furniture.bin_())
     model("bollard", furniture.bollard())
@@ -402,14 +403,15 @@ def _moving(s, p):
         ("ahead", ("suv", "wagon", "minivan"), 62.0, EGO_LANE_Y_M, 1, 8.2, .5),
         ("on2", ("sedan", "hatchback", "coupe"), 96.0, 1.85, -1, 7.8, .6),
         ("on3", ("bus",), 118.0, 5.2, -1, 7.2, .8),
-        ("back1", ("hatchback", "wagon"), -38.0, 5.1, -1, 7.2, 1.0),
+        ("back1", ("hatchback", "wagon"), -28.0, EGO_LANE_Y_M, 1, 7.8, 1.0),
         ("far", ("hatchback", "sedan"), 96.0, EGO_LANE_Y_M, 1, 8.4, 1.0),
         ("on4", ("suv", "sedan"), 148.0, 1.85, -1, 7.6, 1.2),
     ]
     for tag, styles, x, y, way, speed, need in lanes:
         style, plate, colour = _look(rng, styles)
         jitter = rng.random()
-        if s.traffic < need or x + 12 > p.x_max:
+        end = x + way * speed * 10.0
+        if s.traffic < need or not all(p.x_min - 6 < q < p.x_max + 6 for q in (x + 1.5, end)):
             continue
         if style == "taxi":
             colour = cars.TAXI_COLOUR

@@ -102,7 +102,8 @@ def _shop(b, style, rng, kind, a, e, top, sz0, sz1, detail, sign):
             [(d0 + .15, .55, top - .62), (d1 - .05, .55, top - .62), (d1 - .151, .55, .38), (d1 - .151, .55, top - .62)])
     b.box("car_glass", d0 + .15, d1 - .15, .52, .53, .38, top - .72)
     b.tube("chrome", [(d1 - .19 if door_left else d0 + .19, .45, .85), (d1 - .19 if door_left else d0 + .19, .45, 1.35)], .015, 6)
-    _goods(b, rng, kind, g0 + .1, g1 - .1, a, e, d, top, detail)
+    if not style.far:
+        _goods(b, rng, kind, g0 + .1, g1 - .1, a, e, d, top, detail)
     # Lamps under the ceiling: drawn as bright boxes.
     for i in range(max(1, int(w / 1.6))):
         x = a + (i + .5) * w / max(1, int(w / 1.6))
@@ -126,17 +127,18 @@ def _goods(b, rng, kind, g0, g1, a, e, d, top, detail):
     if kind != "cafe":
         b.boxes("shelf", [(s0, d - .36, .35 + .52 * k) for k in range(rows)], [(s1, d - .025, .375 + .52 * k) for k in range(rows)])
         b.boxes("shelf", [(x, d - .37, .131) for x in (s0 - .03, (s0 + s1) / 2 - .015, s1)], [(x + .03, d - .03, 2.35) for x in (s0 - .03, (s0 + s1) / 2 - .015, s1)])
-        n = int((s1 - s0) / (.17 if detail < 3 else .12))
+        # Goods stand in groups of one colour and size, as a shopkeeper would set them.
         for k in range(rows):
-            r = uniform_array(rng, n * 3).reshape(3, n)
-            x = s0 + .06 + (np.arange(n) + .1 + .5 * r[0]) * (s1 - s0 - .25) / n
-            z = np.full(n, .376 + .52 * k)
-            hgt = .14 + .26 * r[1]
-            for c in range(4):
-                sel = (r[2] * 4).astype(int) == c
-                if sel.any():
-                    q = x[sel]
-                    b.boxes("goods%d" % c, np.c_[q, np.full(len(q), d - .34), z[sel]], np.c_[q + .085 + .04 * r[0][sel], np.full(len(q), d - .08), z[sel] + hgt[sel]])
+            x = s0 + .05
+            while x < s1 - .35:
+                span = min(.45 + .5 * rng.random(), s1 - .05 - x)
+                n = max(1, int(span / (.11 + .10 * rng.random())))
+                tone, tall, deep = int(rng.random() * 4), .13 + .24 * rng.random(), .06 + .12 * rng.random()
+                if rng.random() < .86:
+                    q = x + (np.arange(n) + .04) * span / n
+                    b.boxes("goods%d" % tone, np.c_[q, np.full(n, d - .34 + deep * .3), np.full(n, .376 + .52 * k)],
+                            np.c_[q + span / n * .84, np.full(n, d - .10), .376 + .52 * k + tall * (1 - .12 * uniform_array(rng, n))])
+                x += span + .05
     w = g1 - g0
     if kind == "clothes":
         n = max(1, int(w / .95))
@@ -145,7 +147,7 @@ def _goods(b, rng, kind, g0, g1, a, e, d, top, detail):
         b.box("shelf", g0, g1, .20, 1.0, .131, .52)
     elif kind in ("grocery", "flowers", "bakery"):
         b.extrude("shelf", [(.18, .131), (1.05, .131), (1.05, .95), (.98, .95), (.18, .58)], g0, g1)
-        n, m = max(2, int(w / .30)), 4
+        n, m = max(2, int(w / .32)), 4
         i, j = np.meshgrid(np.arange(n), np.arange(m), indexing="ij")
         i, j = i.ravel(), j.ravel()
         r = uniform_array(rng, len(i) * 2).reshape(2, -1)

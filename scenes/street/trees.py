@@ -62,8 +62,8 @@ def build_tree(seed, key, detail):
         for k, c in enumerate(clusters[:: 2]):
             b.ellipsoid("leaf", np.round(c, 6), (.55, .55, .42), 7, 5)
         return b, solid
-    n = 5200 if detail == 2 else 16000
-    size = .088 if detail == 2 else .056
+    n = 4200 if detail == 2 else 16000
+    size = .098 if detail == 2 else .056
     pick = (uniform_array(rng, n) * len(clusters)).astype(int)
     d = directions(rng, n)
     rad = np.sqrt(np.sqrt(uniform_array(rng, n)))
