@@ -19,6 +19,7 @@ constexpr uint32_t none = 0xffffffffu;
 // Embree takes coordinates up to about 1e18; 1/z and its squares must stay normal floats.
 constexpr float sky_from_m = 1e12f;
 constexpr float invalid_below_m = 1e-12f;
+constexpr double chain_ratio = 8;
 
 enum class Pixel { missing, invalid, sky, solid };
 
@@ -259,20 +260,28 @@ private:
         }
         const bool invalid = cell.state[a] == Pixel::invalid || cell.state[b] == Pixel::invalid;
         if (!a_solid && !b_solid && (cell.state[a] == cell.state[b])) return;
-        const auto far_side = [&] {  // the same line at the far end of its rays
+        const auto line_at = [&](double z) {  // the same line further along its rays
             const double mx = x + 0.5 + 0.5 * (corner_dx[a] + corner_dx[b]);
             const double my = y + 0.5 + 0.5 * (corner_dy[a] + corner_dy[b]);
-            return std::array<uint32_t, 2>{add_vertex(mx, my, far_m_), add_vertex(x + 1.0, y + 1.0, far_m_)};
+            return std::array<uint32_t, 2>{add_vertex(mx, my, z), add_vertex(x + 1.0, y + 1.0, z)};
         };
         if (invalid) {
             // Nothing is known along the invalid pixel's ray: the wall stands from the camera's centre.
-            const auto end = a_solid ? side(a, b) : b_solid ? side(b, a) : far_side();
+            const auto end = a_solid ? side(a, b) : b_solid ? side(b, a) : line_at(far_m_);
             triangle(mesh_.torn, apex(), end[0], end[1]);
             return;
         }
-        const auto near_end = a_solid ? side(a, b) : side(b, a);
-        const auto far_end = far_side();
-        mesh_.torn.push_back({near_end[0], near_end[1], far_end[1], far_end[0]});
+        // Up to the sky in a chain of quads: one alone would be so long that its rounding shows.
+        std::array<uint32_t, 2> from = a_solid ? side(a, b) : side(b, a);
+        const int owner = a_solid ? a : b;
+        double z = 1.0 / field_.w.at(x + corner_dx[owner], y + corner_dy[owner]);
+        for (z *= chain_ratio; z < double(far_m_); z *= chain_ratio) {
+            const auto to = line_at(z);
+            mesh_.torn.push_back({from[0], from[1], to[1], to[0]});
+            from = to;
+        }
+        const auto to = line_at(far_m_);
+        mesh_.torn.push_back({from[0], from[1], to[1], to[0]});
     }
 };
 
@@ -308,9 +317,9 @@ LiftedMesh lift(const Intrinsics& intrinsics, const DepthMap& depth, const LiftO
         }
     }
     find_tears(mesh, options);
-    // Walls against the sky end far behind everything that is known. A power of two keeps the mesh of
-    // a scaled scene the scaled mesh to the bit.
-    Builder(mesh, 256.0f * far_m).run();
+    // Walls against the sky end far behind everything that was measured. A power of two keeps the mesh
+    // of a scaled scene the scaled mesh to the bit.
+    Builder(mesh, 1024.0f * far_m).run();
     return mesh;
 }
 

@@ -12,6 +12,10 @@ namespace {
 // Rays start and end this share of the segment away from its ends. Any value from 1e-6 to 1e-3 gives
 // the same masks; 0 finds the surface itself.
 constexpr double ray_offset = 1e-4;
+// A ray that meets a vertex to the bit can slip between its triangles, even in a robust scene, and a
+// shift along the rows would send every ray from vertex to vertex. So V's centre is missed by this much
+// in pixels of the recorded pixel, along both image axes.
+constexpr glm::dvec2 miss_px{0.001, 0.0017};
 // How far the sampling of one camera may misplace a surface that another one sees, in its pixels.
 constexpr double footprint_px = 2.0;
 // The sky is looked at as far as this.
@@ -21,7 +25,7 @@ constexpr double sky_reach_m = 1e6;
 struct Stretch {
     glm::dvec3 origin, direction;
     double begin, end;
-    double shifted_end;  ///< the one of `begin` and `end` that lies towards V
+    glm::dvec3 shifted_end;  ///< where it stops before V, or starts behind it (own camera's frame)
 };
 
 struct Interval {
@@ -125,7 +129,7 @@ Finding ask_own(const ViewedLine& line, const Stretch& stretch, const Interval& 
     else if (line.meets(line.view->torn, {stretch.begin, stretch.end}))
         finding.answer = Answer::unknown;
     // The frustum is convex and holds the other end, so the whole stretch is in it if this end is.
-    finding.unseen = stretch.begin < stretch.end && !in_frustum(line.view->mesh.intrinsics, line.at(stretch.shifted_end));
+    finding.unseen = stretch.begin < stretch.end && !in_frustum(line.view->mesh.intrinsics, stretch.shifted_end);
     return finding;
 }
 
@@ -198,13 +202,15 @@ RecordedMasks mask(const LiftedRig& rig, const ShiftedCamera& shifted, double cl
         Interval whole;
         double slack;  // misplacement of a surface by its sampling, in units of t
         if (sky) {
-            stretch = {centre_own, glm::normalize(p), clear_m, sky_reach_m, clear_m};
+            const glm::dvec3 d = glm::normalize(p + glm::dvec3(miss_px.x / k.fx, miss_px.y / k.fy, 0));
+            stretch = {centre_own, d, clear_m, sky_reach_m, centre_own + clear_m * d};
             whole = {0, sky_reach_m};
             slack = 1e-3;
         } else {
-            const double distance = glm::length(centre_own - p);
+            const glm::dvec3 aim = centre_own + glm::dvec3(miss_px.x / k.fx, miss_px.y / k.fy, 0) * p.z;
+            const double distance = glm::length(aim - p);
             const double end = distance > 0 ? std::min(1 - clear_m / distance, 1 - ray_offset) : 0;
-            stretch = {p, centre_own - p, ray_offset, end, end};
+            stretch = {p, aim - p, ray_offset, end, p + end * (centre_own - p)};
             whole = {ray_offset, 1 - ray_offset};
             slack = distance > 0 ? std::max(ray_offset, footprint_px * p.z / k.fx / distance) : 1;
         }
