@@ -203,7 +203,7 @@ RecordedMasks mask(const LiftedRig& rig, const ShiftedCamera& shifted, double cl
         double slack;  // misplacement of a surface by its sampling, in units of t
         if (sky) {
             const glm::dvec3 d = glm::normalize(p + glm::dvec3(miss_px.x / k.fx, miss_px.y / k.fy, 0));
-            stretch = {centre_own, d, clear_m, sky_reach_m, centre_own + clear_m * d};
+            stretch = {centre_own, d, clear_m, sky_reach_m, centre_own + clear_m * glm::normalize(p)};
             whole = {0, sky_reach_m};
             slack = 1e-3;
         } else {
