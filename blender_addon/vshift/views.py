@@ -152,7 +152,7 @@ def configure_for_set(scene, samples, threads=0, smooth=True):
 def render_view(camera, temp_dir, smooth=True):
     """(rgb (H, W, 3) float32 linear, depth (H, W) float32) of the current scene."""
     passes = render_passes(camera, temp_dir, GUIDES if smooth else ("Depth",))
-    rgb = denoise.smooth(passes) if smooth else passes["Combined"]
+    rgb = denoise.smooth(passes, bpy.context.scene.cycles.samples) if smooth else passes["Combined"]
     return rgb, passes["Depth"]
 
 
