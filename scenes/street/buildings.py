@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .mesh import Builder, rotation_z, translation
+from .mesh import Builder, grid_faces, rotation_z, translation
 from .rng import pick, stream
 from .shops import shop_front
 
@@ -110,7 +110,12 @@ def window_frame(w, h, detail, modern):
     """Frame of a window w x h; origin at the opening's lower left corner, pane at y = 0, outside to -y."""
     b = Builder()
     t, d = 0.06, 0.055
-    rows = [(0, w, 0, t), (0, w, h - t, h), (0, t, t, h - t), (w - t, w, t, h - t)]
+    # The outer frame as one ring of four sides: front, inner and outer faces (its back is in the wall).
+    o = np.array([(0, 0), (w, 0), (w, h), (0, h)], float)
+    i = np.array([(t, t), (w - t, t), (w - t, h - t), (t, h - t)], float)
+    ring = np.stack([np.c_[p[:, 0], np.full(4, y), p[:, 1]] for p, y in ((o, .02), (o, -d), (i, -d), (i, .02))])
+    b.add("frame", ring.reshape(-1, 3), np.concatenate([grid_faces(4, 4, wrap=True), [[12, 13, 1, 0], [13, 14, 2, 1], [14, 15, 3, 2], [15, 12, 0, 3]]]))
+    rows = []
     if not modern or w > 1.4:
         rows.append((w / 2 - .035, w / 2 + .035, t, h - t))
     if not modern:
@@ -118,9 +123,8 @@ def window_frame(w, h, detail, modern):
         rows += [(t, w / 2 - .035, z, z + .05), (w / 2 + .035, w - t, z, z + .05)]
         if detail >= 3:
             rows += [(t, w / 2 - .035, h * .36, h * .36 + .03), (w / 2 + .035, w - t, h * .36, h * .36 + .03)]
-    low = [(a, -d, c) for a, _, c, _ in rows]
-    high = [(e, 0.02, g) for _, e, _, g in rows]
-    b.boxes("frame", low, high)
+    if rows:
+        b.boxes("frame", [(a, -d + .006, c) for a, _, c, _ in rows], [(e, 0.02, g) for _, e, _, g in rows])
     return b
 
 
@@ -128,7 +132,7 @@ def railing(width, height, detail, material="iron", depth=0.0):
     """A railing along x from 0 to width at y = 0: rails and bars, closed solids; `depth` adds returns to +y."""
     b = Builder()
     def run(n, place, length):
-        k = max(2, int(length / (0.11 if detail >= 3 else 0.165)))
+        k = max(2, int(length / (0.11 if detail >= 3 else 0.18)))
         u = (np.arange(k) + 0.5) / k * length
         lo, hi = place(u)
         b.rods(material, lo, hi, 0.009, 3 if detail < 3 else 6)
@@ -207,7 +211,6 @@ def facade(b, style, rng, width, detail, shops=True, margin0=0.0, margin1=0.0, s
                 sills.append((u, za))
             heads.append((u, za, zb, tall))
         build.band(0, width, z0, z0 + style.floor_m, row)
-        hw, ht = row[0][3] - z0, None
     # Ground floor: shops or doors and windows.
     if style.shop and shops and detail >= 1:
         shop_front(b, build, style, stream(shop_seed, "shop"), width, detail, margin0, margin1, wall, sign0)
@@ -275,8 +278,8 @@ def _dress(b, style, rng, width, detail, pitch, w, modern, frames, french_frames
         y = style.recess_m
         b.boxes("blind", np.c_[s[:, 0] - w / 2 + .062, 0 * s[:, 0] + y - .05, s[:, 1] - .055 - s[:, 2]], np.c_[s[:, 0] + w / 2 - .062, 0 * s[:, 0] + y - .02, s[:, 1] - .061])
     if style.shutters:
-        a = np.array([(u, za, zb) for u, za, zb, tall in heads if not tall])
-        for side in (-1, 1):
+        a = np.array([(u, za, zb) for u, za, zb, tall in heads if not tall]).reshape(-1, 3)
+        for side in (-1, 1) if len(a) else ():
             x0 = a[:, 0] + side * (w / 2 + .28)
             o = np.zeros(len(a))
             b.boxes("shutter", np.c_[x0 - .23, o - .075, a[:, 1]], np.c_[x0 + .23, o - .046, a[:, 2]])
@@ -331,7 +334,6 @@ def _dress(b, style, rng, width, detail, pitch, w, modern, frames, french_frames
         dish = Builder()
         dish.lathe("appliance", [(0, 0), (.15, .02), (.27, .075), (.30, .10), (.28, .085), (.14, .03), (0, .012)], 16)
         m = np.eye(4)
-        m[:3, :3] = np.array([[0.8, 0.6, 0], [-0.36, 0.48, -0.8], [-.48, .64, .6]]).T @ np.eye(3)
         m[:3, :3] = np.array([[1, 0, 0], [0, .5, -.866], [0, .866, .5]])
         m[:3, 3] = (u, -.38, z)
         b.merge(dish, [m])

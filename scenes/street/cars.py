@@ -144,8 +144,8 @@ def _lower_body(b, spec, detail):
     for w in spec.wheel_x:
         d = x - w
         low = np.maximum(low, np.where(np.abs(d) < arch, spec.wheel_r + np.sqrt(np.clip(arch * arch - d * d, 0, None)), 0))
-    f = {1: [0, .12, .35, .60, .88, 1], 2: [0, .12, .22, .34, .46, .60, .75, .90, 1],
-         3: [0, .03, .08, .14, .22, .28, .34, .40, .46, .53, .60, .67, .74, .80, .85, .90, .94, .97, 1]}[detail]
+    f = {1: [0, .12, .35, .60, .88, 1], 2: [0, .12, .22, .34, .352, .46, .60, .75, .90, 1],
+         3: [0, .03, .08, .14, .22, .28, .34, .35, .40, .46, .53, .60, .67, .74, .80, .85, .90, .94, .97, 1]}[detail]
     f = np.array(f)
     z = low[:, None] + f * (sh - low)[:, None]
     mid = 0.5 * (spec.sill + sh)[:, None] + 0.03
@@ -212,6 +212,11 @@ def _lower_materials(spec, X, Y, Z, n_under, n_side, f, detail):
     if detail >= 2:
         for d in spec.doors:
             m[side & (np.abs(xm - d) < 0.0039) & (fc > trim)] = 6
+        # Joint between the bumpers and the body, and the van's rubbing strip.
+        ends = (x0 > spec.wheel_x[1] + spec.wheel_r * 1.13) | (x0 < spec.wheel_x[0] - spec.wheel_r * 1.13)
+        m[side & (fc > .34) & (fc < .352) & ends & (m == 0)] = 6
+        if spec.kind == "van":
+            m[side & (fc > .22) & (fc < .34) & ~ends & (m == 0)] = 2
     return m
 
 
@@ -238,7 +243,7 @@ def _mirrored_grid(b, X, Y, Z, m, closed_ring=True):
 def _greenhouse(b, spec, detail):
     w = spec.width / 2
     tall = spec.roof
-    v = {1: [0, .12, .50, .90, 1.0], 2: [0, .07, .12, .34, .62, .89, .95, 1.0], 3: [0, .07, .12, .22, .34, .48, .62, .76, .89, .93, .97, 1.0]}[detail]
+    v = {1: [0, .12, .50, .90, 1.0], 2: [0, .07, .12, .45, .89, .95, 1.0], 3: [0, .07, .12, .22, .34, .48, .62, .76, .89, .93, .97, 1.0]}[detail]
     v = np.array(v)
     j_glass0, j_glass1 = int(np.argmin(abs(v - .12))), int(np.argmin(abs(v - .89)))
     na, nc, ns = {1: (3, 1, 1), 2: (4, 3, 2), 3: (8, 5, 5)}[detail]
@@ -363,7 +368,7 @@ def wheel(spec, detail):
     """One wheel about the y axis at the origin, its outer face to +y."""
     r, width = spec.wheel_r, 0.205 if spec.kind != "bus" else 0.30
     b = Builder()
-    sides = {1: 14, 2: 20, 3: 44}[detail]
+    sides = {1: 14, 2: 18, 3: 44}[detail]
     h = width / 2
     rim = r * 0.66
     if detail == 1:

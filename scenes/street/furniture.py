@@ -52,9 +52,7 @@ def signal_head(detail, go=True, sides=16):
         lit = (k == 0 and go) or (k == 2 and not go)
         m = translation(-.10, 0, z) @ rotation_y(-math.pi / 2)
         b.merge(_turned(name if lit else name + "_off", [(.115, -.01), (.115, .012), (.08, .035), (0, .045)], sides, m))
-        c = circle(sides)
         # Visor: a half tube open below.
-        arc = [i for i in range(sides + 1)]
         ang = np.array([math.pi * (i / 10 * 1.24 - .12) for i in range(11)])
         ring = np.array([[math.cos(a) * .135, math.sin(a) * .135] for a in ang])
         ring = np.round(ring, 9)
@@ -151,7 +149,7 @@ def bollard():
 def bench(detail):
     b = Builder()
     for x in (-.72, .72):
-        b.extrude("iron", [(-.24, 0), (-.18, 0), (-.16, .40), (.16, .40), (.20, 0), (.26, 0), (.20, .44), (-.20, .44)][::1] if False else [(-.20, .38), (.20, .38), (.20, .44), (-.20, .44)], x - .03, x + .03)
+        b.extrude("iron", [(-.20, .38), (.20, .38), (.20, .44), (-.20, .44)], x - .03, x + .03)
         b.rods("iron", [(x, -.18, 0), (x, .20, 0)], [(x, -.17, .40), (x, .17, .40)], .028, 6)
         b.rods("iron", [(x, .18, .40)], [(x, .28, .86)], .026, 6)
     n = 5
@@ -362,8 +360,20 @@ def hanging_lamp():
     return b
 
 
-def litter(rng, n):
-    """Scraps at least 2 cm high: cups and crumpled paper."""
+def litter(rng, places):
+    """Cups, boxes and crumpled paper at (x, y, z) places; nothing lower than 2 cm."""
     b = Builder()
-    b.lathe("white_band", [(0, 0), (.03, 0), (.04, .10), (0, .10)], 8)
+    for x, y, z in places:
+        kind, a = rng.random(), 6.2832 * rng.random()
+        m = pose(x, y, z, a)
+        g = Builder()
+        if kind < .45:
+            g.lathe("white_band", [(0, 0), (.028, 0), (.028, 0), (.038, .095), (.038, .095), (0, .085)], 10)
+            if rng.random() < .6:
+                m = m @ translation(0, 0, .034) @ rotation_y(1.47)
+        elif kind < .75:
+            g.ellipsoid("paper", (0, 0, .028), (.05, .04, .034), 6, 4)
+        else:
+            g.boxes("cardboard", [(-.14, -.10, -.005)], [(.14, .10, .06 + .10 * rng.random())])
+        b.merge(g, [m])
     return b

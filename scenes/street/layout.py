@@ -99,7 +99,8 @@ def _row(s, key, start, end, place, first_open, last_open, shop=True, far=False)
         m, rev = place(a, b + over, setback)
         lo, hi = first_open and k == 0, last_open and k + 1 == len(w)
         name = "house." + key + "." + str(k)
-        bld, style, h = build_building(s.seed, name, b + over - a, s.plan.depth - .13 * (k % 2), s.detail, hi if rev else lo, lo if rev else hi, shop, far)
+        bld, style, h = build_building(s.seed, name, b + over - a, s.plan.depth - .13 * (k % 2), s.detail, hi if rev else lo, lo if rev else hi, shop,
+                                       far or (key[0] == "X" and abs(.5 * (a + b)) > 42.0))
         s.place(name, s.add_model(name, bld, "building"), m, "building", colour=style.colour,
                 solid=(((b + over - a) / 2, s.plan.depth / 2, h / 2), ((b + over - a) / 2, s.plan.depth / 2, h / 2)))
         a = b
@@ -119,8 +120,8 @@ def _houses(s, p):
     _row(s, "E", -46.0, 46.0, lambda a, b, d: (pose(p.x_max + e + d, b, WALK, -math.pi / 2), True), False, False, far=True)
     _row(s, "W", -46.0, 46.0, lambda a, b, d: (pose(p.x_min - e - d, a, WALK, math.pi / 2), False), False, False, far=True)
     y = p.cross_end_y + 2.6
-    _row(s, "N", p.cross_x - 8.9, p.cross_x + 8.9, lambda a, b, d: (pose(a, y + d, WALK - .004), False), False, False)
-    _row(s, "S", p.cross_x - 8.9, p.cross_x + 8.9, lambda a, b, d: (pose(b, -y - d, WALK - .004, math.pi), True), False, False)
+    _row(s, "N", p.cross_x - 8.9, p.cross_x + 8.9, lambda a, b, d: (pose(a, y + d, WALK - .004), False), False, False, far=True)
+    _row(s, "S", p.cross_x - 8.9, p.cross_x + 8.9, lambda a, b, d: (pose(b, -y - d, WALK - .004, math.pi), True), False, False, far=True)
 
 
 # ------------------------------------------------------------------ street furniture
@@ -253,6 +254,19 @@ def _furniture(s, p):
                     put(kind, "w%d" % count, pose(x, y, WALK, rng.random() * .6 - .3 if kind.startswith("board") else 0.0))
                 count += 1
                 x += 4.0 + 6.5 * rng.random()
+    if d >= 2:
+        r = stream(seed, "litter")
+        places = []
+        for _ in range(46):
+            left, near = r.random() < .5, r.random()
+            x = p.x_min + 8 + (p.x_max - p.x_min - 16) * r.random()
+            if p.cross_x - 14 < x < p.cross_x + 14:
+                continue
+            if near < .5:      # in the gutter
+                places.append((x, (p.kerb_left - .12 - .2 * r.random()) if left else (p.kerb_right + .12 + .2 * r.random()), 0.0))
+            else:
+                places.append((x, (p.kerb_left + .4 + 2.5 * r.random()) if left else (p.kerb_right - .4 - 2.5 * r.random()), WALK))
+        s.place("litter", s.add_model("litter", furniture.litter(r, places), "litter"), np.eye(4), "litter")
     put("shelter", "bus", pose(82.0, p.kerb_left + 1.35, WALK, 0.0))
 
 

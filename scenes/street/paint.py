@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .rng import pick, stream, uniform_array
+from .rng import stream
 
 CELL_M = 0.05
 LIMIT_M = 0.5
@@ -105,7 +105,7 @@ def _arrow(f, x, y, way, kind):
     """A lane arrow of 4 m: straight, or straight and right."""
     f.bar(x, y, x + way * 2.6, y, .16)
     tip = [(x + way * 2.5, y + .42), (x + way * 2.5, y - .42), (x + way * 4.0, y)]
-    f.polygon(tip if way < 0 else tip[::-1][:1] + tip[:2][::-1][::-1]) if way < 0 else f.polygon([(x + 2.5, y - .42), (x + 4.0, y), (x + 2.5, y + .42)])
+    f.polygon(tip[::-1] if way < 0 else [tip[1], tip[2], tip[0]])
     if kind == "right":
         s = -way
         f.bar(x + way * .8, y, x + way * 1.7, y + s * .55, .15)

@@ -38,7 +38,7 @@ def build_person(pose, look, detail, height=1.75):
         b.box("cloth_legs", -.12, .12, -.17, .17, 0.0, .7995)
         b.box("skin", -.10, .10, -.08, .08, 1.4505, 1.74)
         return b, solid
-    n = {1: 6, 2: 9, 3: 18}[detail]
+    n = {1: 6, 2: 8, 3: 18}[detail]
     step = {"walk0": .30, "walk1": -.24, "walk2": .12, "stand0": .0, "stand1": .03, "sit": 0.0}[pose]
     hip = .92 - abs(step) * .12
     legs = "cloth_legs" if look != "dress" else "skin"

@@ -4,12 +4,10 @@
 Same local frame as buildings.py. The windows are open holes (all materials of
 the street are opaque), so the rooms are real boxes that a camera sees into.
 """
-import math
-
 import numpy as np
 
 from .atlas import uv_rect
-from .mesh import Builder, circle
+from .mesh import Builder, circle, grid_faces
 from .rng import pick, uniform_array
 
 KINDS = ("books", "clothes", "grocery", "cafe", "bakery", "flowers")
@@ -49,7 +47,7 @@ def shop_front(b, wall, style, rng, width, detail, margin0, margin1, wall_materi
 
 
 def _house_door(b, a, e, detail):
-    b.box("door", a - .02, e + .02, .36, .45, -.1, 2.10)
+    b.box("door", a - .02, e + .02, .36, .45, -.1, 2.10 if detail >= 2 else 2.155)
     b.box("window", a - .02, e + .02, .385, .45, 2.16, 2.60)
     if detail >= 2:
         b.box("frame", a, e, .33, .45, 2.101, 2.159)
@@ -227,10 +225,7 @@ def awning(b, rng, a, e, z, detail):
     top = np.stack([np.c_[x, np.full(n + 1, y), np.full(n + 1, q)] for y, q in yz])
     low = top - np.array([0, 0, t])
     k = np.arange(n + 1)
-    val = np.where(k % 1 == 0, .20, .20)
-    front_t, front_b = top[-1], top[-1] - np.c_[np.zeros(n + 1), np.zeros(n + 1), val]
     uv = np.stack([np.c_[k, np.full(n + 1, q)] for q in s]).reshape(-1, 2)
-    from .mesh import grid_faces
     b.add(stripes, top.reshape(-1, 3), grid_faces(5, n + 1, flip=True), uv)
     b.add(stripes, low.reshape(-1, 3), grid_faces(5, n + 1), uv)
     # Scallops: each stripe's lower edge is a shallow arc of five points.

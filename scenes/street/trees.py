@@ -50,7 +50,7 @@ def build_tree(seed, key, detail):
             d[2] = abs(d[2]) * .8 + .1
             e = p + d * (.55 + .55 * rng.random()) * crown_r * .55
             if detail >= 2:
-                b.tube("bark", np.round([p, p + (e - p) * .5 + [0, 0, .05], e], 6), [r0 * .22, r0 * .15, r0 * .06], 5)
+                b.tube("bark", np.round([p, p + (e - p) * .5 + [0, 0, .05], e], 6), [r0 * .22, r0 * .15, r0 * .06], 4)
             tips += [e, p + (e - p) * .55]
     # Clusters: around each tip, plus some on the crown's ellipsoid so that no hole is too big.
     tips = np.array(tips)
@@ -62,8 +62,8 @@ def build_tree(seed, key, detail):
         for k, c in enumerate(clusters[:: 2]):
             b.ellipsoid("leaf", np.round(c, 6), (.55, .55, .42), 7, 5)
         return b, solid
-    n = 4200 if detail == 2 else 16000
-    size = .098 if detail == 2 else .056
+    n = 4000 if detail == 2 else 16000
+    size = .10 if detail == 2 else .056
     pick = (uniform_array(rng, n) * len(clusters)).astype(int)
     d = directions(rng, n)
     rad = np.sqrt(np.sqrt(uniform_array(rng, n)))
@@ -111,7 +111,7 @@ def hedge(rng, length, detail):
         b.box("leaf", .04, length - .04, -.25, .25, .40, .95)
         return b
     b.box("hedge_core", .07, length - .07, -.21, .21, .38, .84)
-    n = int(length * (420 if detail == 2 else 900))
+    n = int(length * (340 if detail == 2 else 900))
     u = uniform_array(rng, 3 * n).reshape(3, n)
     p = np.c_[.06 + u[0] * (length - .12), -.23 + .46 * u[1], .43 + .47 * u[2]]
     # Push to the nearest of top and sides.
