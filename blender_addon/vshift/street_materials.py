@@ -23,7 +23,7 @@ PLAIN = {
     "hydrant": ((.50, .04, .025), .35, 0, .5), "bin": ((.035, .075, .05), .45, 0, .4), "white_band": ((.75, .75, .73), .45, 0, .4), "fence": ((.025, .10, .065), .40, 0, .5),
     "bench_wood": ((.26, .13, .055), .55, 0, .3), "planter": ((.34, .32, .29), .85, 0, .2), "planter_box": ((.28, .10, .05), .8, 0, .2), "soil": ((.05, .035, .022), .95, 0, .1),
     "hedge_core": ((.018, .038, .012), .9, 0, .1), "cabinet": ((.22, .25, .23), .5, .2, .4), "mailbox": ((.60, .38, .02), .35, 0, .5), "shelter_pane": ((.10, .13, .15), .06, 0, .8),
-    "paper": ((.70, .69, .64), .8, 0, .2), "cardboard": ((.36, .24, .13), .85, 0, .2), "wire": ((.012, .012, .012), .6, 0, .3), "sign_edge": ((.10, .10, .10), .45, .2, .4), "shoe": ((.030, .022, .018), .45, 0, .4), "hair": ((.045, .026, .014), .6, 0, .3),
+    "paper": ((.70, .69, .64), .8, 0, .2), "cardboard": ((.36, .24, .13), .85, 0, .2), "eye": ((.03, .025, .02), .1, 0, .6), "lips": ((.32, .12, .10), .5, 0, .3), "wire": ((.012, .012, .012), .6, 0, .3), "sign_edge": ((.10, .10, .10), .45, .2, .4), "shoe": ((.030, .022, .018), .45, 0, .4), "hair": ((.045, .026, .014), .6, 0, .3),
     "bag": ((.10, .045, .02), .5, 0, .4), "mannequin": ((.62, .56, .48), .5, 0, .3), "shelf": ((.34, .23, .13), .6, 0, .3), "bread": ((.50, .26, .08), .7, 0, .2),
     "shop_frame_dark": ((.025, .027, .03), .35, .3, .5), "shop_frame_wood": ((.19, .085, .035), .4, 0, .5), "shop_frame_green": ((.025, .10, .065), .35, 0, .5),
     "shop_frame_white": ((.68, .67, .63), .4, 0, .5), "shop_frame_red": ((.26, .025, .025), .35, 0, .5), "shop_frame_blue": ((.03, .075, .17), .35, 0, .5),
@@ -274,12 +274,12 @@ def _car_paint(g, images):
     x, y, z = g.xyz(g.local())
     k = g.mul(g.random(), 57.0)
     n = g.noise(g.offset(g.local(), g.vector(k, k, k)), 2.2, 3, .65)
-    dust = g.mul(g.ramp(z, .25, .75, .60, .0), g.ramp(n, .35, .70, .25, 1.0))
+    dust = g.mul(g.ramp(z, .25, .70, .45, .0), g.ramp(n, .35, .70, .25, 1.0))
     up = g.xyz(g.normal())[2]
-    dust = g.add(dust, g.mul(g.ramp(up, .5, .95, 0, .10), n))
+    dust = g.add(dust, g.mul(g.ramp(up, .5, .95, 0, .05), n))
     c = g.mix(dust, g.colour(), (.16, .14, .115))
     flake = g.math("GREATER_THAN", g.white(g.math("FLOOR", g.mul(g.random(), 977.0))), .35)
-    g.surface(g.principled(color=c, metal=g.mul(flake, .40), rough=g.mix_value(dust, .34, .7), spec=.5, coat=g.ramp(dust, 0, .6, 1.0, .15), coat_rough=.025))
+    g.surface(g.principled(color=c, metal=g.mul(flake, .40), rough=g.mix_value(dust, .34, .7), spec=.5, coat=g.ramp(dust, 0, .6, 1.0, .25), coat_rough=.018))
 
 
 def _car_glass(g, images):

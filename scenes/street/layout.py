@@ -151,6 +151,8 @@ def _furniture(s, p):
 
     def put(name, tag, m, colour=None):
         parts, solid, category = models[name]
+        if category == "plant":
+            colour = (.050, .125, .022)
         s.place(name + "." + tag, parts, m, category, colour=colour, solid=solid)
 
     model("lamp", furniture.lamp_post(d), "pole")

@@ -56,6 +56,11 @@ def pose(x, y, z=0.0, yaw_rad=0.0, scale=1.0):
     return m
 
 
+def to_grid(x):
+    """Rounded to 1e-5 m. The odd offset keeps even decimals off the rounding's edge, so last-bit differences vanish."""
+    return np.floor(np.asarray(x, float) * 1e5 + 0.5123) / 1e5
+
+
 def circle(n, start_rad=0.0):
     """(n, 2) points of the unit circle, counter-clockwise."""
     return np.array([cos_sin(start_rad + 2.0 * math.pi * i / n) for i in range(n)])
@@ -273,12 +278,12 @@ class Builder:
         out = []
         for (material, smooth), chunks in self.chunks.items():
             v, f, uv = _concatenate(chunks)
-            v = np.round(v, 5).astype(np.float32)
+            v = to_grid(v).astype(np.float32)
             v[v == 0] = 0.0  # no negative zero: it would change the hash
             f = _clean(v, f)
             if len(f):
                 out.append(Part(prefix + "." + material + (".s" if smooth else ""), material, category, v, f,
-                                None if uv is None else np.round(uv, 5).astype(np.float32), smooth))
+                                None if uv is None else to_grid(uv).astype(np.float32), smooth))
         return out
 
     def bounds(self):

@@ -56,7 +56,7 @@ def build_person(pose, look, detail, height=1.75):
     lean = .03 if pose.startswith("walk") else 0.0
     sh = hip + .50
     top = "cloth_top"
-    _trunk(b, top if not dress else top, [(0, 0, hip - .07, .085, .13), (0, 0, hip - .02, .115, .168), (0, 0, hip + .08, .115, .160), (lean * .4, 0, hip + .20, .105, .145),
+    _trunk(b, top if not dress else top, [(0, 0, hip - .125, .118, .176), (0, 0, hip - .12, .125, .184), (0, 0, hip - .02, .122, .176), (0, 0, hip + .08, .115, .162), (lean * .4, 0, hip + .20, .105, .145),
                                          (lean * .8, 0, hip + .34, .122, .170), (lean, 0, sh - .06, .118, .185), (lean, 0, sh, .095, .165), (lean, 0, sh + .045, .065, .09), (lean, 0, sh + .075, .05, .055)], n + 4)
     if look == "coat":
         _trunk(b, top, [(-.0, 0, hip - .36, .175, .205), (0, 0, hip - .20, .155, .195), (0, 0, hip, .135, .183), (0, 0, hip + .14, .120, .162), (0, 0, hip + .17, .09, .12)], n + 4)
@@ -88,6 +88,10 @@ def build_person(pose, look, detail, height=1.75):
     b.ellipsoid("skin", head, (.098, .078, .122), n + 2, n)
     b.ellipsoid("skin", head + [.094, 0, -.018], (.020, .013, .022), 6, 5)
     if detail >= 2:
+        for y in (-.032, .032):
+            b.ellipsoid("eye", head + [.086, y, .012], (.012, .011, .009), 6, 4)
+            b.ellipsoid("hair", head + [.090, y, .034], (.010, .018, .005), 6, 4)
+        b.ellipsoid("lips", head + [.088, 0, -.062], (.010, .024, .007), 6, 4)
         b.ellipsoid("hair", head + [-.020, 0, .030], (.098, .086, .107), n + 2, n)
         if dress or look == "coat":
             b.ellipsoid("hair", head + [-.055, 0, -.075], (.060, .078, .125), n, 8)

@@ -17,7 +17,12 @@ sys.path.insert(0, str(SCENES))
 
 from street import DETAIL_LEVELS, ego_gap, generate  # noqa: E402
 
-GOLDEN = {}
+GOLDEN = {
+    0: "fa87571cad06c45ef3b6c459450e5060a35417ead454e850a0f60103573e43c2",
+    1: "49771773da3fc62d68b43a667512a2f2a952adfe3f08277999157663c984d88f",
+    2: "5fd622b98682f78c6834e5d486eaf14a371015b230664895ceedfe60f6e56fca",
+    3: "8abeab1014c7454e06b982e144c87584f74349115419b83b55a525d6afb499d0",
+}
 TRIANGLE_LIMIT = {0: 60_000, 1: 600_000, 2: 1_500_000, 3: 4_000_000}
 _made = {}
 
