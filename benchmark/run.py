@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """benchmark/run.py SET [key=value ...] [-- snakemake options]: builds, answers, scores and reports a set.
 
-Keys are those of config.yaml. May be killed at any moment and started again. No lock of Snakemake's stays
+Keys are those of config.yaml; a set keeps the settings it was begun with, but frames and shifts may grow.
+May be killed at any moment and started again. No lock of Snakemake's stays
 behind (--nolock): two runs of one set are kept apart by the lock of the set's manifest. Exit codes: 0 done,
 3 bad usage, 4 a step failed (its own message stands above), 130 interrupted.
 """
@@ -55,13 +56,14 @@ def main(words):
     pairs.append(f"python={sys.executable}")
     config = [f"set={json.dumps(str(set_dir))}"] + [_quoted(p) for p in pairs]
     command = [snakemake, "-s", str(HERE / "Snakefile"), "--directory", str(set_dir), "--nolock", "--rerun-incomplete",
-               "--rerun-triggers", "mtime", "--cores", "1", *extra, "--config", *config]
-    child = subprocess.Popen(command)
+               "--rerun-triggers", "mtime", "params", "--cores", "1", *extra, "--config", *config]
+    child = subprocess.Popen(command, start_new_session=True)
     stopped = []
 
     def forward(number, _frame):
+        """To the whole group: Snakemake alone would wait for the running step to end."""
         stopped.append(number)
-        child.send_signal(number)
+        os.killpg(child.pid, signal.SIGTERM)
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, forward)
