@@ -96,7 +96,9 @@ def _road(g, images):
     base = g.mix(broad, (.060, .061, .064), (.105, .104, .101))
     base = g.scale(base, g.ramp(streak, .3, .7, .80, 1.18))
     base = g.scale(base, g.ramp(mid, .25, .75, .86, 1.12))
-    base = g.scale(base, g.ramp(fine, .25, .75, .84, 1.16))
+    base = g.scale(base, g.ramp(fine, .25, .75, .78, 1.20))
+    grain = g.noise(pos, 150.0, 0)
+    base = g.scale(base, g.ramp(grain, .30, .72, .80, 1.30))
     # Patches: newer and darker or older and lighter, by place; a tarred seam around each.
     inside = g.ramp(patch, .497, .503)
     tone = g.noise(g.stretched(pos, .13, .13, 0), 1.0, 0)
@@ -319,7 +321,7 @@ def _object_paint(g, images):
 # ------------------------------------------------------------------ plants and people
 def _leaf(g, images):
     r, t, _ = g.xyz(g.uv())
-    c = g.scale(g.colour(), g.ramp(r, 0, 1, .62, 1.75))
+    c = g.scale(g.colour(), g.ramp(r, 0, 1, .62, 1.55))
     c = g.mix(g.math("GREATER_THAN", r, .93), c, g.mix(.5, g.colour(), (.30, .24, .03)))
     g.surface(g.principled(color=c, rough=.48, spec=.35))
 

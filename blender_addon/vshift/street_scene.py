@@ -33,7 +33,7 @@ def build(street, scene=None):
     collection = bpy.data.collections.new("street")
     scene.collection.children.link(collection)
     materials, meshes = {}, {}
-    for i in street.instances:
+    for number, i in enumerate(street.instances):
         key = tuple(i.parts)
         if key not in meshes:
             meshes[key] = _mesh(street, key, i.name, materials, images)
@@ -41,20 +41,22 @@ def build(street, scene=None):
         o.color = tuple(i.colour or (0.5, 0.5, 0.5)) + (1.0,)
         o["category"] = i.category
         o["mover"] = i.mover or ""
+        o["instance"] = number
         o.matrix_world = Matrix(i.matrix.tolist())
         collection.objects.link(o)
     _light(scene, collection)
     look(scene)
-    set_time(street, 0.0, collection)
+    street.blender_collection = collection.name
+    set_time(street, 0.0)
 
 
-def set_time(street, t_s, collection=None):
-    """Moves the objects of moving things to where they are at t_s."""
-    objects = (collection or bpy.data.collections["street"]).objects
+def set_time(street, t_s):
+    """Moves the objects of moving things to where they are at t_s; build(street) must have run."""
     poses = {k: m.world_from_mover(t_s) for k, m in street.movers.items()}
-    for i in street.instances:
-        if i.mover is not None:
-            objects[i.name].matrix_world = Matrix((poses[i.mover] @ i.matrix).tolist())
+    for o in bpy.data.collections[street.blender_collection].objects:
+        if o.get("mover"):
+            i = street.instances[o["instance"]]
+            o.matrix_world = Matrix((poses[i.mover] @ i.matrix).tolist())
 
 
 # ------------------------------------------------------------------ meshes
@@ -141,7 +143,7 @@ def _light(scene, collection):
     up = g.math("MAXIMUM", z, 0.03)
     flat = g.vector(g.math("DIVIDE", x, g.add(up, .12)), g.math("DIVIDE", y, g.add(up, .12)), 0.0)
     n = g.noise(flat, 0.85, 5, .55)
-    cover = g.mul(g.ramp(n, .50, .72), g.ramp(z, .02, .16))
+    cover = g.mul(g.ramp(n, .47, .68), g.ramp(z, .02, .14))
     shade = g.mix(g.ramp(n, .55, .80), (.93, .93, .94), (.74, .77, .82))
     clouds = g.mix(g.mul(cover, .80), sky, shade)
     path = g.node("ShaderNodeLightPath")

@@ -310,15 +310,16 @@ def _greenhouse(b, spec, detail):
             k += 1
         kind = pane[i]
         if kind in ("front", "side") or (kind == "rear" and spec.rear_pane):
-            blocks.append((i, k, kind))
-            m[i:k, glass] = 7
+            low = j_glass0 if not (kind == "rear" and spec.kind == "van") else int(np.argmin(abs(v - .45)))
+            blocks.append((i, k, kind, low))
+            m[i:k, low:j_glass1] = 7
         if kind == "post":
             m[i:k, glass] = 2
         i = k
-    _ring_grid(b, X, Y, Z, m, blocks, j_glass0, j_glass1, detail)
+    _ring_grid(b, X, Y, Z, m, blocks, j_glass1, detail)
 
 
-def _ring_grid(b, X, Y, Z, m, blocks, j0, j1, detail):
+def _ring_grid(b, X, Y, Z, m, blocks, j1, detail):
     n, j = X.shape
     P = np.stack([X, Y, Z], -1)
     mirror = P[n - 2:0:-1] * np.array([1.0, -1.0, 1.0])
@@ -345,15 +346,15 @@ def _ring_grid(b, X, Y, Z, m, blocks, j0, j1, detail):
     nn = np.cross(du, dv)
     nn /= np.sqrt((nn * nn).sum(-1))[..., None] + 1e-12
     spans = []
-    for i, k, kind in blocks:
+    for i, k, kind, j0 in blocks:
         if kind == "front":
-            spans.append([(q % ring) for q in range(-k, k + 1)])
+            spans.append(([(q % ring) for q in range(-k, k + 1)], j0))
         elif kind == "rear":
-            spans.append(list(range(i, i + 2 * (k - i) + 1)))
+            spans.append((list(range(i, i + 2 * (k - i) + 1)), j0))
         else:
-            spans.append(list(range(i, k + 1)))
-            spans.append([(ring - q) % ring for q in range(k, i - 1, -1)])
-    for cols in spans:
+            spans.append((list(range(i, k + 1)), j0))
+            spans.append(([(ring - q) % ring for q in range(k, i - 1, -1)], j0))
+    for cols, j0 in spans:
         outer = g[j0:j1 + 1][:, cols]
         inner = outer - 0.011 * nn[j0:j1 + 1][:, cols]
         r, c = outer.shape[:2]
@@ -465,6 +466,12 @@ def _small_parts(b, spec, plate_uv):
     x0, x1 = spec.glass_front
     for y in (-.52 * w, .10 * w):
         b.tube("car_plastic", [(x0 - .005, y, zb + .055), (x0 - .03 + (x1 - x0) * .05, y + .28 * w, zb + .10), (x0 + .02 + (x1 - x0) * .12, y + .52 * w, zb + .14)], .008, 4)
+    if spec.kind == "van":     # joint, hinges and handle of the rear doors
+        x = -half + .012
+        b.box("car_seam", x - .02, x + .05, -.006, .006, .55, 2.05)
+        b.box("car_plastic", x - .035, x + .05, .05, .20, 1.02, 1.08)
+        for z in (.75, 1.35, 1.95):
+            b.boxes("car_plastic", [(x - .02, -w * .84, z), (x - .02, w * .80, z)], [(x + .08, -w * .80, z + .09), (x + .08, w * .84, z + .09)])
     if spec.kind == "car":
         b.tube("chrome", [(-half + .03, .48 * w, spec.sill + .06), (-half + .22, .48 * w, spec.sill + .06)], .032, 10)
         xr = spec.glass_rear[1] + .12

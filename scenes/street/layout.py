@@ -313,7 +313,7 @@ def _trees(s, p):
             r = stream(s.seed, "tree", int(left), k)
             v = int(r.random() * len(names))
             tint = .8 + .4 * r.random()
-            c = (.055 * tint + .03 * r.random(), .145 * tint, .018 + .012 * r.random())
+            c = (.044 * tint + .022 * r.random(), .112 * tint, .014 + .010 * r.random())
             s.place("tree.%s%d" % ("L" if left else "R", k), names[v], pose(x, y, WALK + .1, 6.28318 * r.random(), .88 + .3 * r.random()), "tree", colour=c, solid=variants[v][1])
             s.place("pit.%s%d" % ("L" if left else "R", k), pit, pose(x, y, WALK - .05), "pavement")
 

@@ -59,11 +59,11 @@ def build_tree(seed, key, detail):
     shell = centre + d * np.array([crown_r, crown_r, (height - fork) * .55]) * (.62 + .2 * uniform_array(rng, len(d)))[:, None]
     clusters = np.concatenate([tips, shell])
     if detail == 1:
-        for k, c in enumerate(clusters[:: 2]):
-            b.ellipsoid("leaf", np.round(c, 6), (.55, .55, .42), 7, 5)
+        for c in clusters:
+            b.ellipsoid("leaf", np.round(c, 6), (.60, .60, .46), 7, 5)
         return b, solid
-    n = 4000 if detail == 2 else 16000
-    size = .10 if detail == 2 else .056
+    n = 4800 if detail == 2 else 16000
+    size = .091 if detail == 2 else .056
     pick = (uniform_array(rng, n) * len(clusters)).astype(int)
     d = directions(rng, n)
     rad = np.sqrt(np.sqrt(uniform_array(rng, n)))
