@@ -85,7 +85,7 @@ if bpy is not None:
     class VSHIFT_OT_render_set(bpy.types.Operator, _SetOperator):
         """Renders recorded and shifted views with truth into a folder (long: headless run.py is made for it)"""
         bl_idname, bl_label = "vshift.render_set", "Render set"
-        samples: IntProperty(name="Samples", default=16, min=1)
+        samples: IntProperty(name="Samples", default=8, min=1)
 
         def execute(self, context):
             return self.build(samples=self.samples, what="all")

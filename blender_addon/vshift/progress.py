@@ -81,6 +81,10 @@ def install_signal_handlers():
         time.sleep(GRACE_S)
         for folder in _folders:
             shutil.rmtree(folder, ignore_errors=True)
+            try:
+                os.rmdir(os.path.dirname(folder))    # stays when another run is at work in it
+            except OSError:
+                pass
         print("vshift: interrupted; run the same command again to go on", file=sys.stderr, flush=True)
         os._exit(130)
 

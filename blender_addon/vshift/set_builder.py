@@ -39,7 +39,7 @@ class Options:
     traffic: float = 1.0
     width: int = 400
     height: int = 225
-    samples: int = 16
+    samples: int = 8
     smooth: bool = True
     shifts: list = field(default_factory=lambda: [(0.0, s * d, 0.0, 0.0) for d in (1, 2, 4) for s in (1, -1)])
     only_frames: list = None
