@@ -6,7 +6,9 @@
 #include <sys/file.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
+#include <cmath>
 #include <cstdio>
 #include <cstring>
 #include <fstream>
@@ -21,16 +23,28 @@ using nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
 constexpr size_t manifest_limit_bytes = size_t(256) << 20;
+constexpr int deepest_nesting = 16;
 
 ordered_json read_manifest(const fs::path& file) {
     ordered_json data;
+    const auto refuse = [&](const std::string& text) { throw Error(ExitCode::bad_input, file.string() + ": " + text); };
+    const auto shallow = [&](int depth, ordered_json::parse_event_t, ordered_json&) {
+        if (depth > deepest_nesting) refuse("json: got nesting deeper than " + std::to_string(deepest_nesting) + ", expected a manifest");
+        return true;  // dump() recurses
+    };
     try {
-        data = ordered_json::parse(read_whole_file(file, manifest_limit_bytes));
+        data = ordered_json::parse(read_whole_file(file, manifest_limit_bytes), shallow);
     } catch (const nlohmann::json::exception&) {
         throw Error(ExitCode::bad_input, file.string() + ": json: got text that does not parse, expected a manifest");
     }
     if (!data.is_object() || data.value("vshift_manifest", ordered_json()) != 1 || !data.contains("items") || !data["items"].is_object())
         throw Error(ExitCode::bad_input, file.string() + ": vshift_manifest: got something else, expected 1 with items");
+    for (const auto& [name, item] : data["items"].items()) {
+        if (!item.is_object()) refuse(name + ": item: got " + item.type_name() + ", expected an object");
+        for (const char* key : {"status", "sha256"})
+            if (item.contains(key) && !item[key].is_string()) refuse(name + ": " + key + ": got " + item[key].type_name() + ", expected text");
+        if (item.contains("bytes") && !item["bytes"].is_number_unsigned()) refuse(name + ": bytes: got " + item["bytes"].type_name() + ", expected a whole number");
+    }
     return data;
 }
 
@@ -42,6 +56,10 @@ public:
         descriptor_ = ::open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
         if (descriptor_ < 0 || ::flock(descriptor_, LOCK_EX) != 0) {
             const int reason = errno;
+            if (descriptor_ >= 0 && reason == EINTR) {
+                ::close(descriptor_);
+                throw Error(ExitCode::interrupted, "interrupted: got a signal, expected to finish; what was written is whole");
+            }
             if (descriptor_ >= 0) ::close(descriptor_);
             throw Error(ExitCode::io_failed, file.string() + ": lock: got " + std::strerror(reason) + ", expected to hold it");
         }
@@ -111,6 +129,8 @@ std::vector<NamedShift> Manifest::shifts() const {
         }
         if (s.contains("yaw_deg") && !s["yaw_deg"].is_number()) bad();
         named.shift.yaw_rad = s.value("yaw_deg", 0.0) * (3.14159265358979323846 / 180);
+        const glm::dvec3 t = glm::abs(named.shift.translation_m);
+        if (!(std::max({t.x, t.y, t.z}) <= 1e6 && std::abs(named.shift.yaw_rad) < 7)) bad();  // as in a request
         if (named.name != shift_name(named.shift)) bad();  // names become folders: only those we make
         out.push_back(named);
     }

@@ -23,6 +23,7 @@ namespace {
 using namespace vshift;
 
 thread_local std::string last_error;
+constexpr double farthest_m = 1e15;  ///< squares of it are floats
 
 /// Exceptions end here: every function of the ABI runs its body through this.
 template <class Body>
@@ -56,6 +57,9 @@ TrueCamera checked_camera(const vshift_camera* c, const std::string& name) {
         require(std::isfinite(value), name + ": intrinsic: got a number that is not finite, expected finite");
     require(c->fx > 0 && c->fy > 0, name + ": fx, fy: got " + std::to_string(c->fx) + ", " +
                                         std::to_string(c->fy) + ", expected > 0");
+    // As in a recipe; beyond them rays are no longer finite, and Embree with assertions aborts.
+    require(c->fx >= 1e-3 && c->fy >= 1e-3 && c->fx <= 1e7 && c->fy <= 1e7 && std::fabs(c->cx) <= 1e7 && std::fabs(c->cy) <= 1e7,
+            name + ": intrinsic: got numbers out of range, expected focal lengths from 0.001 to 1e7 pixels and a centre within 1e7");
     TrueCamera camera;
     camera.intrinsics = {c->width, c->height, c->fx, c->fy, c->cx, c->cy};
     for (int row = 0; row < 3; ++row) {
@@ -71,8 +75,8 @@ TrueCamera checked_camera(const vshift_camera* c, const std::string& name) {
     require(glm::determinant(camera.world_from_cam.rotation) > 0,
             name + ": world_from_cam: got a mirrored rotation, expected determinant +1");
     for (int i = 0; i < 3; ++i)
-        require(std::isfinite(camera.world_from_cam.translation_m[i]),
-                name + ": world_from_cam: got a translation that is not finite, expected finite");
+        require(std::fabs(camera.world_from_cam.translation_m[i]) < farthest_m,
+                name + ": world_from_cam: got a translation that is not finite or too far, expected less than 1e15 m");
     return camera;
 }
 
@@ -138,7 +142,7 @@ int vshift_scene_create(const double* vertices_xyz, size_t vertex_count, const u
         for (size_t i = 0; i < vertex_count; ++i) {
             const double* v = vertices_xyz + 3 * i;
             for (int axis = 0; axis < 3; ++axis)
-                require(std::isfinite(v[axis]) && std::fabs(v[axis] - origin[axis]) < 1e15,
+                require(std::isfinite(v[axis]) && std::fabs(v[axis] - origin[axis]) < farthest_m && std::fabs(origin[axis]) < farthest_m,
                         "vertices[" + std::to_string(i) + "]: got a coordinate that is not finite, expected finite");
             vertices[i] = {float(v[0] - origin[0]), float(v[1] - origin[1]), float(v[2] - origin[2]), 0};
         }
@@ -210,7 +214,7 @@ int vshift_truth_shifted(const vshift_scene* scene, const vshift_camera* rig, in
 int vshift_clearance(const vshift_scene* scene, const double point[3], double limit_m, double* clearance_m, int32_t* inside) {
     return guarded([&] {
         const TrueScene& s = checked_scene(scene);
-        require(point && std::isfinite(point[0]) && std::isfinite(point[1]) && std::isfinite(point[2]), "point: got a coordinate that is not finite, expected finite");
+        require(point && std::fabs(point[0]) < farthest_m && std::fabs(point[1]) < farthest_m && std::fabs(point[2]) < farthest_m, "point: got a coordinate that is not finite or too far, expected less than 1e15 m");
         require(limit_m > 0 && std::isfinite(limit_m), "limit_m: got " + std::to_string(limit_m) + ", expected > 0");
         const glm::vec3 origin(glm::dvec3{point[0], point[1], point[2]} - s.origin_m);
         constexpr int directions = 1024;  // a Fibonacci sphere: neighbours 6 degrees apart

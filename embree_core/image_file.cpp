@@ -359,7 +359,7 @@ void require_consistent(const fs::path& file, const Channels& image) {
 const std::vector<float>& Channels::plane(const std::string& name) const {
     const auto found = std::find(names.begin(), names.end(), name);
     if (found == names.end())
-        throw Error(ExitCode::bad_input, "channel: " + unknown_channel(name, names));
+        throw Error(ExitCode::bad_input, (file.empty() ? "" : file + ": ") + "channel: " + unknown_channel(name, names));
     return planes[size_t(found - names.begin())];
 }
 
@@ -377,6 +377,7 @@ Channels read_image(const fs::path& file) {
     if (decoded.unit_top != 1)
         for (auto& plane : decoded.image.planes)
             for (float& value : plane) value = float(double(value) / decoded.unit_top);
+    decoded.image.file = file.string();
     return std::move(decoded.image);
 }
 

@@ -18,6 +18,7 @@ struct Channels {
     std::vector<std::string> names;
     std::vector<std::vector<float>> planes;  ///< one plane of width * height per name
     std::map<std::string, std::string> metadata;  ///< string attributes
+    std::string file;  ///< where it was read from, for messages; may be empty
 
     const std::vector<float>& plane(const std::string& name) const;  ///< throws Error bad_input
     bool has(const std::string& name) const;

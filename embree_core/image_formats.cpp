@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <charconv>
 
+#include <zlib.h>
+
 #include "embree_core/whole_file.h"
 
 namespace vshift::formats {
@@ -417,12 +419,21 @@ void check_whole(const fs::path& file, std::string_view bytes, const Claim& clai
     try {
         Cursor in{bytes};
         if (claim.kind == Kind::png) {
+            // libpng prints its complaints: what can be told without decoding is told here.
             in.take(8);
+            uint64_t packed = 0;
             for (std::string_view type; type != "IEND";) {
                 const uint32_t length = in.be32();
-                type = in.take(4);
-                in.take(size_t(length) + 4);
+                const std::string_view chunk = in.take(size_t(length) + 4);
+                type = chunk.substr(0, 4);
+                if (type == "IDAT") packed += length;
+                if (::crc32(0, reinterpret_cast<const unsigned char*>(chunk.data()), uInt(chunk.size())) != in.be32())
+                    bad(file, "PNG checksum", "got another one than that of the chunk's bytes, expected the same");
             }
+            const uint64_t bits = uint64_t(static_cast<unsigned char>(bytes[24])) * (bytes[25] == 3 ? 1 : uint64_t(claim.channels));
+            const uint64_t raw = uint64_t(claim.height) * (1 + uint64_t(claim.width) * bits / 8);
+            if (raw > 1100 * packed)  // deflate packs 1032 to 1 at most
+                bad(file, "pixels", "got " + std::to_string(packed) + " packed bytes, expected those of " + std::to_string(raw));
         } else if (claim.kind == Kind::jpeg) {
             in.take(2);
             for (uint32_t marker = 0; marker != 0xd9;) {

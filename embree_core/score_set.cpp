@@ -109,7 +109,10 @@ Rows score_mask_item(const Item& item, const fs::path& got_file, const fs::path&
     row["visible_wrong"] = count(combine(certain, true_lost, [](bool a, bool b) { return a && b; }));
     row["visible_unseen"] = count(visible) - count(certain);
     row["unknown"] = count(unknown);
-    row["invalid"] = got.metadata.contains("vshift:invalid_px") ? std::stoll(got.metadata.at("vshift:invalid_px")) : 0;
+    const std::string invalid = got.metadata.contains("vshift:invalid_px") ? got.metadata.at("vshift:invalid_px") : "0";
+    if (invalid.empty() || invalid.size() > 12 || invalid.find_first_not_of("0123456789") != std::string::npos)
+        throw Error(ExitCode::bad_input, got_file.string() + ": vshift:invalid_px: got '" + invalid + "', expected a number of pixels");
+    row["invalid"] = std::stoll(invalid);
     rows.certificates.push_back(std::move(row));
     return rows;
 }
@@ -171,8 +174,9 @@ Rows score_warp_item(const Item& item, const fs::path& got_file, const fs::path&
 std::vector<std::string> methods_of(const fs::path& folder) {
     std::vector<std::string> out;
     std::error_code error;
+    std::error_code kind;  // of a link that leads nowhere
     for (const auto& entry : fs::directory_iterator(folder, error))
-        if (entry.is_directory() && (entry.path().filename() == "self" || entry.path().filename() == "rig")) out.push_back(entry.path().filename().string());
+        if (entry.is_directory(kind) && (entry.path().filename() == "self" || entry.path().filename() == "rig")) out.push_back(entry.path().filename().string());
     std::sort(out.begin(), out.end(), std::greater<>());  // self before rig
     return out;
 }
@@ -196,8 +200,10 @@ nlohmann::ordered_json score_set(const Recipe& recipe, const Manifest& manifest,
                         items.push_back({kind, method, shift, frame.index, camera.name});
                     }
             const fs::path run = folder / kind / method / "run.json";
-            if (fs::exists(run))
-                for (auto& row : ordered_json::parse(read_whole_file(run, size_t(256) << 20), nullptr, false)) times.push_back(row);
+            if (!fs::exists(run)) continue;
+            const ordered_json runs = ordered_json::parse(read_whole_file(run, size_t(256) << 20), nullptr, false);
+            if (!runs.is_array()) throw Error(ExitCode::bad_input, run.string() + ": json: got something else, expected a list of runs");
+            for (const auto& row : runs) times.push_back(row);
         }
     if (items.empty())
         throw Error(ExitCode::bad_input, folder.string() + ": masks, holes, warps: got none, expected results of vshift mask, holes or warp");

@@ -114,7 +114,7 @@ def main(arguments):
         run(arguments)
         return 0
     except ReportError as error:
-        print(error, file=sys.stderr)
+        print(f"vshift: {error}", file=sys.stderr)
         return error.code
     except KeyboardInterrupt:
         return 130
@@ -122,7 +122,7 @@ def main(arguments):
         if os.environ.get("VSHIFT_TRACEBACK"):
             raise
         text = " ".join(str(error).split())
-        print(f"report: bug: got {type(error).__name__} {text}, expected none (VSHIFT_TRACEBACK=1 shows where)", file=sys.stderr)
+        print(f"vshift: report: bug: got {type(error).__name__} {text}, expected none (VSHIFT_TRACEBACK=1 shows where)", file=sys.stderr)
         return 6
 
 

@@ -52,7 +52,7 @@ def read_bytes(path, name, limit=None):
         with open(path, "rb") as file:
             return file.read()
     except (FileNotFoundError, NotADirectoryError):
-        refuse(name, "file", "nothing", "a file of the set (docs/set_layout.md)")
+        raise ReportError(IO_FAILED, f"{name}: file: got nothing, expected a file of the set (docs/set_layout.md)") from None
     except OSError as error:
         raise ReportError(IO_FAILED, f"{name}: file: got {error.strerror}, expected to read it") from None
 

@@ -5,13 +5,39 @@
 
 #include "embree_core/cli/progress.h"
 #include "embree_core/cli/verbs.h"
+#include "embree_core/recipe.h"
 #include "embree_core/trace.h"
 #include "embree_core/types.h"
 #include "embree_core/version.h"
 
+namespace vshift::cli {
+namespace {
+
+/// What to say of a verb or an option that nobody knows, with the nearest one; empty when all are known.
+std::string unknown_word(const CLI::App& app) {
+    const auto chosen = app.get_subcommands();
+    const std::vector<std::string> extras = app.remaining(true);
+    std::vector<std::string> known;
+    if (chosen.empty())
+        for (const CLI::App* sub : app.get_subcommands({})) known.push_back(sub->get_name());
+    else
+        for (const CLI::Option* option : chosen[0]->get_options())
+            for (const std::string& name : option->get_lnames()) known.push_back("--" + name);
+    for (const std::string& word : extras)
+        if (chosen.empty() || word.rfind("-", 0) == 0)
+            return "usage: got " + word + ", expected a known " + (chosen.empty() ? "verb" : "option") + " (did you mean " +
+                   nearest_word(word.substr(0, word.find('=')), known) + "?)";
+    return "";
+}
+
+}  // namespace
+}  // namespace vshift::cli
+
 int main(int argc, char** argv) {
     using namespace vshift;
-    const auto fail = [](ExitCode code, const std::string& message) {
+    const auto fail = [](ExitCode code, std::string message) {
+        for (char& c : message)
+            if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = '?';  // one line, whatever a name holds
         std::fprintf(stderr, "vshift: %s\n", message.c_str());
         return int(code);
     };
@@ -30,6 +56,7 @@ int main(int argc, char** argv) {
         } catch (const CLI::Success& e) {
             return app.exit(e);  // --help, --version
         } catch (const CLI::ParseError& e) {
+            if (const std::string unknown = cli::unknown_word(app); !unknown.empty()) return fail(ExitCode::bad_input, unknown);
             return fail(ExitCode::bad_input, std::string("usage: ") + e.what() + " (vshift --help lists what there is)");
         }
         return int(ExitCode::done);

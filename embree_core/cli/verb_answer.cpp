@@ -67,13 +67,30 @@ void make_folders(const fs::path& folder) {
     if (error) throw Error(ExitCode::io_failed, folder.string() + ": folder: got " + error.message() + ", expected to make it");
 }
 
+/// Text files come last: a folder that is not there is found out before the work.
+void require_folder(const std::string& file) {
+    std::error_code error;
+    const fs::path folder = fs::path(file).parent_path();
+    if (file != "-" && !folder.empty() && !fs::is_directory(folder, error))
+        throw Error(ExitCode::io_failed, file + ": writing: got " + (error ? error.message() : "no folder") + ", expected a folder for it");
+}
+
+/// 16 bits for PNG, which holds no floats; masks are 0 and 65535 there.
+std::vector<SampleType> types_of(const fs::path& file) {
+    const std::string ending = file.extension().string();
+    return {ending == ".png" || ending == ".PNG" ? SampleType::uint16 : SampleType::float32};
+}
+
 Channels chosen(const Channels& image, const std::vector<std::string>& names) {
     if (names.empty()) return image;
     Channels out;
     out.width = image.width;
     out.height = image.height;
     out.metadata = image.metadata;
-    for (const std::string& name : names) out.add(name, image.plane(name));
+    for (const std::string& name : names) {
+        if (out.has(name)) throw Error(ExitCode::bad_input, "usage: --channels: got " + name + " twice, expected it once");
+        out.add(name, image.plane(name));
+    }
     return out;
 }
 
@@ -89,9 +106,12 @@ void run(const std::string& verb, const Options& options) {
     if (!many && (cameras.size() > 1 || options.all_frames || options.all_shifts))
         throw Error(ExitCode::bad_input, "usage: got " + std::to_string(cameras.size()) + " cameras, all frames or all shifts, expected --out-dir DIR for more than one view (or --camera NAME)");
 
+    require_folder(options.json);
+    require_folder(options.csv);
+
     std::unique_ptr<Manifest> manifest;
     const fs::path set_dir = recipe.file.parent_path().empty() ? fs::path(".") : recipe.file.parent_path();
-    if (fs::exists(set_dir / "manifest.json")) manifest = std::make_unique<Manifest>(set_dir);
+    if (fs::symlink_status(set_dir / "manifest.json").type() != fs::file_type::not_found) manifest = std::make_unique<Manifest>(set_dir);
     std::vector<NamedShift> shifts{{shift_name(base.shift), base.shift}};
     if (options.all_shifts) {
         if (!manifest) throw Error(ExitCode::io_failed, (set_dir / "manifest.json").string() + ": file: got none, expected the set's list of shifts");
@@ -107,14 +127,15 @@ void run(const std::string& verb, const Options& options) {
     fs::path item_folder;
     if (many && manifest) {
         std::error_code error;
-        const fs::path relative = fs::relative(options.out_dir, set_dir, error);
+        const fs::path relative = fs::relative(fs::absolute(options.out_dir), fs::absolute(set_dir), error);  // absolute: a folder yet to be made has no canonical form
         if (!error && !relative.empty() && *relative.begin() != ".." && relative != ".") item_folder = relative;
     }
     ordered_json rows = ordered_json::array();
     const fs::path run_file = fs::path(options.out_dir) / "run.json";
     std::set<std::string> kept;
     ordered_json earlier = ordered_json::array();
-    if (!item_folder.empty() && fs::exists(run_file)) earlier = ordered_json::parse(read_whole_file(run_file, size_t(256) << 20), nullptr, false);
+    std::error_code run_error;
+    if (!item_folder.empty() && fs::exists(run_file, run_error)) earlier = ordered_json::parse(read_whole_file(run_file, size_t(256) << 20), nullptr, false);
     if (!earlier.is_array()) earlier = ordered_json::array();
 
     FrameFiles files(recipe);
@@ -135,7 +156,7 @@ void run(const std::string& verb, const Options& options) {
                 if (manifest && options.all_shifts && manifest->is_refused((fs::path("shifts") / item).string())) continue;
                 if (!item_folder.empty() && manifest->is_done((item_folder / item).string())) {
                     for (const auto& row : earlier)
-                        if (row.is_object() && row.value("camera", "") == camera && row.value("frame", -1) == frame && row.value("shift", "") == shift.name) rows.push_back(row);
+                        if (row.is_object() && row.value("camera", ordered_json()) == camera && row.value("frame", ordered_json()) == frame && row.value("shift", ordered_json()) == shift.name) rows.push_back(row);
                     continue;
                 }
                 const Answer a = answer(recipe, request, files);
@@ -147,7 +168,7 @@ void run(const std::string& verb, const Options& options) {
                 }
                 const fs::path file = many ? fs::path(options.out_dir) / item : fs::path(options.output);
                 if (many) make_folders(file.parent_path());
-                write_image(file, chosen(a.image, options.channels));
+                write_image(file, chosen(a.image, options.channels), types_of(file));
                 rows.push_back(row_of(request, shift.name, a));
                 if (!item_folder.empty())
                     manifest->record_done((item_folder / item).string(), verb, (a.times.read_ms + a.times.lift_ms + a.times.cast_ms) / 1000);

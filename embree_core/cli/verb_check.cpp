@@ -40,7 +40,7 @@ void run(const std::string& recipe_file) {
                 recipe.cameras.size(), recipe.frames.size(), (unsigned long long)pixels, (unsigned long long)sky, (unsigned long long)invalid);
 
     const fs::path folder = recipe.file.parent_path().empty() ? fs::path(".") : recipe.file.parent_path();
-    if (!fs::exists(folder / "manifest.json")) return;
+    if (fs::symlink_status(folder / "manifest.json").type() == fs::file_type::not_found) return;
     const SetCheck set = check_set(Manifest(folder), [&](size_t position, size_t count, const std::string& name) {
         stop_if_interrupted();
         progress.show(position, count, name);

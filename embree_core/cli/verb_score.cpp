@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // vshift score: a whole set against its truth, or one image against another.
+#include <cmath>
 #include <cstdio>
 #include <memory>
 
@@ -46,9 +47,10 @@ void run(const Options& options) {
     const bool pair = !options.got.empty() || !options.truth.empty();
     if (pair == !options.recipe.empty() || (pair && (options.got.empty() || options.truth.empty())))
         throw Error(ExitCode::bad_input, "usage: got neither a set nor a pair of images, expected RECIPE, or --got IMAGE --truth IMAGE");
+    if (std::isnan(options.min_f1)) throw Error(ExitCode::bad_input, "usage: --min-f1: got nan, expected a number from 0 to 1");
     if (pair) {
         const ordered_json scores = score_pair(options.got, options.truth);
-        write_text(options.output.empty() ? "-" : options.output, scores.dump(1) + "\n");
+        write_text(options.output.empty() ? "-" : options.output, scores.dump(1, ' ', false, ordered_json::error_handler_t::replace) + "\n");  // a file's name need not be UTF-8
         hold_threshold(scores, options.min_f1);
         return;
     }

@@ -19,7 +19,7 @@ import OpenImageIO as oiio
 
 ROOT = Path(__file__).resolve().parents[2]
 VSHIFT = str(Path(os.environ.get("VSHIFT_BIN", ROOT / "build/bin/vshift")).resolve())
-LIBVSHIFT = str(Path(os.environ.get("VSHIFT_LIB", ROOT / "build/lib/libvshift.so")).resolve())
+LIBVSHIFT = str(Path(os.environ.get("VSHIFT_LIBRARY", ROOT / "build/lib/libvshift.so")).resolve())
 TIME_LIMIT_S = 10
 SPACE_LIMIT = int(os.environ.get("VSHIFT_SPACE_LIMIT", 3 << 30))  # bytes of address space; 0: none (sanitizers need it)
 WIDTH, HEIGHT = 64, 36

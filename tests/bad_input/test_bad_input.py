@@ -4,7 +4,7 @@
 
     /usr/bin/python3 tests/bad_input/test_bad_input.py [-v] [Table | DepthContent | Sets | Stops | FullDisk | Library]
 
-VSHIFT_BIN and VSHIFT_LIB name another program and library than those in build/; VSHIFT_SPACE_LIMIT (bytes, 0 for
+VSHIFT_BIN and VSHIFT_LIBRARY name another program and library than those in build/; VSHIFT_SPACE_LIMIT (bytes, 0 for
 none) another limit of address space.
 """
 import json
