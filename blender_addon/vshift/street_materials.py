@@ -5,7 +5,6 @@ Everything is opaque. Few noise octaves: a handful of samples a pixel must look 
 Colours are linear RGB. Metres everywhere.
 """
 import bpy
-import numpy as np
 
 from .street_nodes import Graph
 
@@ -78,11 +77,9 @@ def _road(g, images):
     x, y, _ = g.xyz(pos)
     white = yellow = stain = cover = patch = puddle = crack = None
     for paint, wear, (x0, y0, x1, y1) in images["road"]:
-        v = g.vector(g.ramp_free(x, x0, x1), g.ramp_free(y, y0, y1))
-        (a, b, c), d = g.split(g.image(paint, v)[0]), None
-        d = g.tree.nodes[-1].outputs[1] if False else None
-        n = [q for q in g.tree.nodes if q.bl_idname == "ShaderNodeTexImage"][-1]
-        d = n.outputs["Alpha"]
+        v = g.vector(g.share(x, x0, x1), g.share(y, y0, y1))
+        colour, d = g.image(paint, v)
+        a, b, c = g.split(colour)
         e, f, h = g.split(g.image(wear, v)[0])
         if white is None:
             white, yellow, stain, cover, patch, puddle, crack = a, b, c, d, e, f, h
@@ -357,8 +354,6 @@ def _flowers(g, images):
 
 
 def _parasol(g, images):
-    u, v, _ = g.xyz(g.uv())
-    c = g.mix(g.ramp(g.math("FRACT", g.mul(u, .5)), .49, .51), g.colour(), (.74, .71, .64))
     g.surface(g.principled(color=g.mix(.25, g.colour(), (.74, .71, .64)), rough=.85, spec=.15))
 
 
@@ -372,19 +367,3 @@ _SPECIAL = {"asphalt": _road, "pavement": _pavement, "kerb": _kerb, "trim": _tri
             "car_glass": _car_glass, "tail_lamp": _tail_lamp, "car_grille": _grille, "tyre": _tyre, "rim": _rim, "bike_paint": _object_paint, "leaf": _leaf, "bark": _bark,
             "cloth_top": _cloth, "cloth_legs": lambda g, i: _cloth(g, i, True), "skin": _skin, "flowers": _flowers, "parasol": _parasol, "sign_atlas": _sign}
 
-
-def _mix_value(self, f, a, b):
-    """Numbers: a where f is 0, b where f is 1."""
-    n = self.node("ShaderNodeMix", data_type="FLOAT")
-    for k, v in ((0, f), (2, a), (3, b)):
-        self.plug(n.inputs[k], v)
-    return n.outputs[0]
-
-
-def _ramp_free(self, x, a, b):
-    """(x - a) / (b - a), not clamped."""
-    return self.math("MULTIPLY", self.math("SUBTRACT", x, float(a)), 1.0 / float(b - a))
-
-
-Graph.mix_value = _mix_value
-Graph.ramp_free = _ramp_free

@@ -11,7 +11,7 @@ _PRINCIPLED = {
 }
 
 
-AMBIENT = 0.065
+AMBIENT = 0.075
 
 
 class Graph:
@@ -62,6 +62,17 @@ class Graph:
         for k, v in enumerate((x, a, b, low, high)):
             self.plug(n.inputs[k], v)
         return n.outputs[0]
+
+    def mix_value(self, f, a, b):
+        """Numbers: a where f is 0, b where f is 1."""
+        n = self.node("ShaderNodeMix", data_type="FLOAT")
+        for k, v in ((0, f), (2, a), (3, b)):
+            self.plug(n.inputs[k], v)
+        return n.outputs[0]
+
+    def share(self, x, a, b):
+        """(x - a) / (b - a), not clamped."""
+        return self.mul(self.sub(x, float(a)), 1.0 / float(b - a))
 
     # -- colours
     def mix(self, f, a, b, how="MIX"):

@@ -21,8 +21,8 @@ from .street_nodes import Graph
 # that the right fronts lie in the light and the left ones in open shade.
 SUN_DIRECTION = (-0.62, 0.36, 0.58)
 SUN_STRENGTH, SUN_COLOUR, SUN_ANGLE_RAD = 6.2, (1.0, 0.89, 0.73), 0.020
-SKY_STRENGTH = 1.40            # as light; cameras and mirrors see SEEN_SKY of it
-SEEN_SKY = 0.72
+SKY_STRENGTH = 1.50            # as light; cameras and mirrors see SEEN_SKY of it
+SEEN_SKY = 0.66
 
 
 def build(street, scene=None):
@@ -183,4 +183,4 @@ def look(scene):
     v = scene.view_settings
     v.view_transform = "Standard"
     v.look = "None"
-    v.exposure, v.gamma = -0.1, 1.0
+    v.exposure, v.gamma = 0.06, 1.0

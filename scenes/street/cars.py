@@ -73,7 +73,6 @@ SPECS = {
                    doors=(5.05, 3.95, 0.75, -0.5), nose_round=0.30, tail_round=0.22, tall_lamps=True, kind="bus"),
 }
 SPECS["taxi"] = replace(SPECS["sedan"], name="taxi")
-SPECS["pickup_cab"] = SPECS["suv"]
 
 
 def curve(points, x):
