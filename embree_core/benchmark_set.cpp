@@ -142,6 +142,19 @@ bool Manifest::is_refused(const std::string& item) const {
     return items.contains(item) && items[item].value("status", "") == "refused";
 }
 
+Shift Manifest::shift_of(const std::string& item, const Shift& named) const {
+    const ordered_json& items = data_["items"];
+    if (!items.contains(item) || !items[item].contains("moved_to")) return named;
+    const ordered_json& place = items[item]["moved_to"];
+    Shift moved = named;
+    for (size_t i = 0; i < 3; ++i) {
+        if (!place.is_array() || place.size() != 3 || !place[i].is_number() || !(std::abs(place[i].get<double>()) <= 1e6))
+            throw Error(ExitCode::bad_input, (folder_ / "manifest.json").string() + ": " + item + ": moved_to: got something else, expected x,y,z in metres");
+        moved.translation_m[int(i)] = place[i];
+    }
+    return moved;
+}
+
 bool Manifest::is_done(const std::string& item) const {
     const ordered_json& items = data_["items"];
     if (!items.contains(item) || items[item].value("status", "") != "done") return false;

@@ -31,6 +31,9 @@ public:
     explicit Manifest(const std::filesystem::path& set_dir);
     std::vector<NamedShift> shifts() const;
     bool is_refused(const std::string& item) const;
+    /// Where a shifted view really stands: the shift as named, or nearer where the set moved it out of
+    /// something (`moved_to`).
+    Shift shift_of(const std::string& item, const Shift& named) const;
     /// The file of the item is there and has the recorded hash.
     bool is_done(const std::string& item) const;
     void record_done(const std::string& item, const std::string& kind, double seconds);

@@ -3,7 +3,6 @@
 #include <cstdio>
 #include <filesystem>
 #include <memory>
-#include <set>
 
 #include "embree_core/answer.h"
 #include "embree_core/benchmark_set.h"
@@ -132,7 +131,6 @@ void run(const std::string& verb, const Options& options) {
     }
     ordered_json rows = ordered_json::array();
     const fs::path run_file = fs::path(options.out_dir) / "run.json";
-    std::set<std::string> kept;
     ordered_json earlier = ordered_json::array();
     std::error_code run_error;
     if (!item_folder.empty() && fs::exists(run_file, run_error)) earlier = ordered_json::parse(read_whole_file(run_file, size_t(256) << 20), nullptr, false);
@@ -153,7 +151,11 @@ void run(const std::string& verb, const Options& options) {
                 request.frame = frame;
                 request.shift = shift.shift;
                 const fs::path item = item_path(shift.name, frame, camera);
-                if (manifest && options.all_shifts && manifest->is_refused((fs::path("shifts") / item).string())) continue;
+                if (manifest && options.all_shifts) {
+                    const std::string view = (fs::path("shifts") / item).string();
+                    if (manifest->is_refused(view)) continue;
+                    request.shift = manifest->shift_of(view, shift.shift);
+                }
                 if (!item_folder.empty() && manifest->is_done((item_folder / item).string())) {
                     for (const auto& row : earlier)
                         if (row.is_object() && row.value("camera", ordered_json()) == camera && row.value("frame", ordered_json()) == frame && row.value("shift", ordered_json()) == shift.name) rows.push_back(row);
