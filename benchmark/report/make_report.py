@@ -9,6 +9,7 @@ Exit codes: 0 done, 3 bad usage or a broken set, 4 reading or writing failed, 6 
 import argparse
 import datetime
 import os
+import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -79,6 +80,17 @@ def made_on():
     return when.strftime("%Y-%m-%d")
 
 
+def record(folder, file):
+    """A file that lies in the set is an item of its manifest."""
+    folder, file = folder.resolve(), Path(file).resolve()
+    if not file.is_relative_to(folder):
+        return
+    helper = HERE.parents[1] / "blender_addon" / "vshift" / "manifest.py"
+    done = subprocess.run([sys.executable, helper, "record", folder, file.relative_to(folder), "report"], capture_output=True, text=True)
+    if done.returncode:
+        raise ReportError(IO_FAILED, done.stderr.strip() or f"{helper}: record: got exit {done.returncode}, expected 0")
+
+
 def run(arguments):
     """Parse, read, make, write."""
     parser = Parser(prog="report", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -101,11 +113,10 @@ def run(arguments):
         picture = strip.strip_png(data, args.strip_camera, args.strip_shift, args.strip_method)
     out = Path(args.out) if args.out else data["folder"] / "report.html"
     page = render(data, args.max_mb * 1e6, args.max_frames, args.max_width)
-    write_whole(out, page)
-    print(f"{out}: {len(page) / 1e6:.1f} MB")
-    if picture:
-        write_whole(args.strip, picture)
-        print(f"{args.strip}: {len(picture) / 1e6:.1f} MB")
+    for file, content in [(out, page)] + ([(Path(args.strip), picture)] if picture else []):
+        write_whole(file, content)
+        record(data["folder"], file)
+        print(f"{file}: {len(content) / 1e6:.1f} MB")
 
 
 def main(arguments):

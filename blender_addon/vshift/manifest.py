@@ -4,6 +4,7 @@
     python3 manifest.py status SET        counts as JSON; exit 0 when nothing is left to do, else 2
     python3 manifest.py verify SET        hashes every done file; exit 4 and one line each when some differ
     python3 manifest.py left SET FRAME    paths of the frame's items that are still to do
+    python3 manifest.py record SET ITEM KIND   ITEM is done as it lies there now
 
 An item is done only when its file is there and matches its sha256. Changes go through a lock file and are
 written beside, fsynced and renamed, so that a kill at any moment leaves the old or the new manifest.
@@ -208,9 +209,10 @@ def machine():
 
 
 def main(arguments):
-    if len(arguments) < 2 or arguments[0] not in ("status", "verify", "left"):
-        print("manifest.py: -: verb: got something else, expected status SET | verify SET | left SET FRAME",
-              file=sys.stderr)
+    words = {"status": 2, "verify": 2, "left": 2, "record": 4}
+    if not arguments or len(arguments) < words.get(arguments[0], len(arguments) + 1):
+        print("manifest.py: -: verb: got something else, expected status SET | verify SET | left SET FRAME | "
+              "record SET ITEM KIND", file=sys.stderr)
         return 3
     verb, set_dir = arguments[:2]
     try:
@@ -224,6 +226,9 @@ def main(arguments):
         if verb == "left":
             frame = int(arguments[2]) if len(arguments) > 2 else None
             print("\n".join(left(data, frame)))
+            return 0
+        if verb == "record":
+            done(set_dir, arguments[2], 0.0, kind=arguments[3])
             return 0
         bad = [n for n, i in data["items"].items() if i["status"] == "done" and not is_done(set_dir, data, n)]
         for name in bad:

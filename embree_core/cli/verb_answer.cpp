@@ -176,7 +176,10 @@ void run(const std::string& verb, const Options& options) {
                     manifest->record_done((item_folder / item).string(), verb, (a.times.read_ms + a.times.lift_ms + a.times.cast_ms) / 1000);
             }
     progress.finish();
-    if (!item_folder.empty()) write_whole_file(run_file, rows.dump(1) + "\n");
+    if (!item_folder.empty()) {
+        write_whole_file(run_file, rows.dump(1) + "\n");
+        manifest->record_done((item_folder / "run.json").string(), "times", 0);
+    }
     write_text(options.json, rows.dump(1) + "\n");
     write_text(options.csv, csv_of(rows));
 }

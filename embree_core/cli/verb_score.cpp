@@ -56,7 +56,7 @@ void run(const Options& options) {
     }
     const Recipe recipe = load_recipe(options.recipe);
     const fs::path folder = recipe.file.parent_path().empty() ? fs::path(".") : recipe.file.parent_path();
-    const Manifest manifest(folder);
+    Manifest manifest(folder);
     Progress progress("score");
     const ordered_json scores = score_set(recipe, manifest, [&](size_t done, size_t total, const std::string& what) {
         stop_if_interrupted();
@@ -64,7 +64,8 @@ void run(const Options& options) {
     });
     progress.finish();
     fs::path json = options.output, csv = options.csv;
-    if (json.empty()) {
+    const bool in_set = json.empty();
+    if (in_set) {
         json = folder / "scores" / "scores.json";
         if (csv.empty()) csv = folder / "scores" / "scores.csv";
         std::error_code error;
@@ -73,6 +74,10 @@ void run(const Options& options) {
     }
     write_text(json.string(), scores.dump(1) + "\n");
     if (!csv.empty()) write_text(csv.string(), scores_csv(scores));
+    if (in_set) {
+        manifest.record_done("scores/scores.json", "scores", 0);
+        if (options.csv.empty()) manifest.record_done("scores/scores.csv", "scores", 0);
+    }
     hold_threshold(scores, options.min_f1);
 }
 

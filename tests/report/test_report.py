@@ -196,7 +196,8 @@ class ReportTest(unittest.TestCase):
             out, err = out.getvalue(), err.getvalue()
             self.assertEqual((got, out), (code, ""), err)
             self.assertEqual(len(err.splitlines()), 1, err)
-            self.assertRegex(err, message)
+            self.assertTrue(err.startswith("vshift: "), err)
+            self.assertRegex(err.removeprefix("vshift: "), message)
             self.assertEqual((broken / "report.html").read_text(), "old")
             self.assertEqual([p.name for p in broken.iterdir() if p.name.endswith(".part")], [])
         finally:
@@ -212,12 +213,12 @@ class ReportTest(unittest.TestCase):
         self.refused(lambda f: (f / "manifest.json").write_text('{"vshift_manifest": 1,'), r"^manifest.json: json: got .*, expected valid JSON")
         code, out, err = make(self.temp / "nowhere")
         self.assertEqual((code, out, err.count("\n")), (3, "", 1))
-        self.refused(lambda f: (f / "manifest.json").unlink(), r"^manifest.json: file: got nothing, expected")
+        self.refused(lambda f: (f / "manifest.json").unlink(), r"^manifest.json: file: got nothing, expected", 4)
         self.refused(edit(lambda d: d.pop("street")), r"^manifest.json: street: got nothing, expected")
         self.refused(edit(lambda d: d["shifts"][0].update(name="../up")), r"^manifest.json: shifts\[0\].name: got \"../up\", expected")
 
     def test_missing_scores(self):
-        self.refused(lambda f: (f / "scores/scores.json").unlink(), r"^scores/scores.json: file: got nothing, expected")
+        self.refused(lambda f: (f / "scores/scores.json").unlink(), r"^scores/scores.json: file: got nothing, expected", 4)
         self.refused(lambda f: (f / "scores/scores.json").write_text(json.dumps({**self.scores, "masks": [{**self.scores["masks"][0], "camera": "CAM_X"}]})),
                      r"^scores/scores.json: masks\[0\].camera: got \"CAM_X\", expected one of CAM_FRONT")
 
@@ -234,7 +235,7 @@ class ReportTest(unittest.TestCase):
         where = "^" + re.escape(relative)
         self.refused(lambda f: cut(f, False), where + r": sha256: got ")
         self.refused(lambda f: cut(f, True), where + r": (image|pixels): got ")
-        self.refused(lambda f: (f / relative).unlink(), where + r": file: got nothing")
+        self.refused(lambda f: (f / relative).unlink(), where + r": file: got nothing", 4)
 
     def test_write_failure_and_usage(self):
         self.refused(lambda f: None, r"^x.html: file: got .*, expected to write", 4, ("-o", self.temp / "no" / "x.html"))
