@@ -96,10 +96,11 @@ def run(arguments):
     parser = Parser(prog="report", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("set", help="the folder of a benchmark set")
     parser.add_argument("-o", "--out", help="the HTML file (default: SET/report.html)")
-    parser.add_argument("--strip", metavar="FILE", help="also write a PNG strip of one camera, 1600 px wide")
+    parser.add_argument("--strip", metavar="FILE", help="also write a strip of one camera, 1600 px wide (.png or .jpg)")
     parser.add_argument("--strip-camera", metavar="NAME", help="camera of the strip (default: CAM_FRONT, or the first)")
     parser.add_argument("--strip-shift", metavar="NAME", help="shift of the strip (default: one of about 2 m)")
     parser.add_argument("--strip-method", choices=("self", "rig"), help="geometry of the strip (default: self)")
+    parser.add_argument("--strip-columns", type=int, choices=(1, 2, 4), default=4, help="panels side by side (default: 4)")
     parser.add_argument("--max-mb", type=float, default=13.0, help="megabytes of pictures to embed (default: 13)")
     parser.add_argument("--max-frames", type=int, default=12, help="frames to embed pictures of, at most (default: 12)")
     parser.add_argument("--max-width", type=int, default=640, help="width of embedded pictures, at most (default: 640)")
@@ -109,8 +110,9 @@ def run(arguments):
     data = read_set(args.set)
     picture = None
     if args.strip:
-        from report import strip
-        picture = strip.strip_png(data, args.strip_camera, args.strip_shift, args.strip_method)
+        from report.strip import strip
+        picture = strip(data, args.strip_camera, args.strip_shift, args.strip_method, args.strip_columns,
+                        jpeg=Path(args.strip).suffix.lower() in (".jpg", ".jpeg"))
     out = Path(args.out) if args.out else data["folder"] / "report.html"
     page = render(data, args.max_mb * 1e6, args.max_frames, args.max_width)
     for file, content in [(out, page)] + ([(Path(args.strip), picture)] if picture else []):

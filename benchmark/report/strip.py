@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The PNG strip: recorded, mask, warp and the real render of one camera, good enough for a README."""
+"""The picture strip: recorded, mask, warp and the real render of one camera, good enough for a README."""
 import io
 
 import numpy as np
@@ -46,8 +46,8 @@ def lay_over(rgb8, index, colours):
     return (rgb8 * (1 - alpha) + table[:, :, :3] * alpha + .5).astype(np.uint8)
 
 
-def strip_png(data, camera=None, shift=None, method=None):
-    """PNG bytes of the strip."""
+def strip(data, camera=None, shift=None, method=None, columns=4, jpeg=False):
+    """PNG (or JPEG) bytes of the strip: four panels, `columns` of them side by side."""
     camera, shift, method = choose(data, camera, shift, method)
     frame = data["frames"][0]
     recorded8 = pictures.photo8(data, f"frames/{frame:04d}/{camera}.exr", camera)
@@ -65,22 +65,23 @@ def strip_png(data, camera=None, shift=None, method=None):
               ("Mask", lay_over(recorded8, index, pictures.mask_colours(165)), "hatched: unseen" if (index == 4).any() else "", chips),
               ("Warp", warp8, f"from {whose}", {"hole": pictures.HOLE}),
               ("Truth", real8, "the real render from there", {})]
-    each = (WIDTH - GAP * (len(panels) - 1)) // len(panels)
+    each = (WIDTH - GAP * (columns - 1)) // columns
     high = max(1, round(each * recorded8.shape[0] / recorded8.shape[1]))
-    out = Image.new("RGB", (WIDTH, TOP + high + BOTTOM), PAPER)
+    row_high = TOP + high + BOTTOM
+    out = Image.new("RGB", (WIDTH, row_high * -(-len(panels) // columns)), PAPER)
     draw = ImageDraw.Draw(out)
     heads = {"Mask": f"Lost after a shift of {how}", "Warp": f"Seen from {how}", "Truth": f"Rendered {how}"}
     for i, (title, picture, note, legend) in enumerate(panels):
-        x = i * (each + GAP)
+        x, top = i % columns * (each + GAP), i // columns * row_high
         way = Image.BOX if picture.shape[1] >= each else Image.BICUBIC
-        out.paste(Image.fromarray(picture).resize((each, high), way), (x, TOP))
-        draw.text((x, 4), heads.get(title, title), INK, font(16, True))
-        at, low = x, TOP + high + 8
+        out.paste(Image.fromarray(picture).resize((each, high), way), (x, top + TOP))
+        draw.text((x, top + 4), heads.get(title, title), INK, font(16, True))
+        at, low = x, top + TOP + high + 8
         for name, colour in legend.items():
             draw.rectangle((at, low + 2, at + 13, low + 15), colour)
             draw.text((at + 19, low - 1), name, SOFT, font(14))
             at += 19 + draw.textlength(name, font(14)) + 16
         draw.text((at, low - 1), note, SOFT, font(14))
     content = io.BytesIO()
-    out.save(content, "PNG", optimize=True)
+    out.save(content, **({"format": "JPEG", "quality": 88} if jpeg else {"format": "PNG", "optimize": True}))
     return content.getvalue()
