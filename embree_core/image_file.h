@@ -63,6 +63,9 @@ void write_image(const std::filesystem::path& file, const Channels& image,
 /// The same guarantee for any bytes (JSON, CSV, HTML).
 void write_whole_file(const std::filesystem::path& file, const std::string& bytes);
 
+/// Removes what killed runs of this machine left below `folder` (the temporary files of `write_...`).
+void remove_stale_temporaries(const std::filesystem::path& folder);
+
 /// Reads a regular file of at most `limit_bytes`. Throws Error io_failed / over_limit.
 std::string read_whole_file(const std::filesystem::path& file, size_t limit_bytes);
 

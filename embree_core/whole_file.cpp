@@ -4,12 +4,14 @@
 #include "embree_core/whole_file.h"
 
 #include <fcntl.h>
+#include <signal.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
 #include <cerrno>
+#include <cstdio>
 #include <cstring>
 
 #include "embree_core/image_file.h"
@@ -181,6 +183,16 @@ void write_whole_file(const fs::path& file, const std::string& bytes) {
     // A folder that may be written but not listed cannot be opened, and some file systems cannot
     // sync one: the file itself is whole either way.
     if (dir.fd >= 0 && ::fsync(dir.fd) != 0 && errno != EINVAL && errno != ENOTSUP) refuse(errno);
+}
+
+void remove_stale_temporaries(const fs::path& folder) {
+    std::error_code error;
+    for (fs::recursive_directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
+        const std::string name = entry->path().filename().string();
+        int process = 0, count = 0, length = 0;
+        if (std::sscanf(name.c_str(), ".vshift-%d-%d.tmp%n", &process, &count, &length) != 2 || size_t(length) != name.size() || process <= 0) continue;
+        if (::kill(process, 0) != 0 && errno == ESRCH) ::unlink(entry->path().c_str());
+    }
 }
 
 }  // namespace vshift

@@ -136,6 +136,8 @@ void run(const std::string& verb, const Options& options) {
     if (!item_folder.empty() && fs::exists(run_file, run_error)) earlier = ordered_json::parse(read_whole_file(run_file, size_t(256) << 20), nullptr, false);
     if (!earlier.is_array()) earlier = ordered_json::array();
 
+    if (!item_folder.empty()) remove_stale_temporaries(set_dir);
+
     FrameFiles files(recipe);
     Progress progress(verb);
     const size_t total = frames.size() * cameras.size() * shifts.size();
