@@ -32,7 +32,7 @@ Look look(const LiftedView& view, const glm::dvec3& origin, const glm::dvec3& di
     const glm::vec3 o(origin), d(direction);
     const float endless = std::numeric_limits<float>::infinity();
     const Hit kept = view.kept.intersect(o, d, 0, endless);
-    if (view.torn.occluded(o, d, 0, kept ? kept.t : endless)) {
+    if (view.torn.passed(origin, direction, 0, kept ? double(kept.t) : std::numeric_limits<double>::infinity())) {
         result.outcome = Outcome::behind_edge;
         return result;
     }

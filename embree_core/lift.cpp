@@ -19,7 +19,6 @@ constexpr uint32_t none = 0xffffffffu;
 // Embree takes coordinates up to about 1e18; 1/z and its squares must stay normal floats.
 constexpr float sky_from_m = 1e12f;
 constexpr float invalid_below_m = 1e-12f;
-constexpr double chain_ratio = 8;
 
 enum class Pixel { missing, invalid, sky, solid };
 
@@ -142,8 +141,8 @@ void find_tears(LiftedMesh& mesh, const LiftOptions& options) {
 /// Emits vertices and quads; half-edge vertices are shared between the cells on both sides.
 class Builder {
 public:
-    Builder(LiftedMesh& mesh, float far_m)
-        : mesh_(mesh), field_{mesh.inverse_depth, mesh.tears}, k_(mesh.intrinsics), far_m_(far_m),
+    explicit Builder(LiftedMesh& mesh)
+        : mesh_(mesh), field_{mesh.inverse_depth, mesh.tears}, k_(mesh.intrinsics),
           half_edges_(size_t(4) * mesh.inverse_depth.size(), none) {}
 
     void run() {
@@ -170,10 +169,8 @@ private:
     LiftedMesh& mesh_;
     Field field_;
     const Intrinsics& k_;
-    float far_m_;
     std::vector<uint32_t> half_edges_;  ///< 4 per pixel: right, down, left, up
     Grid<uint8_t> whole_;
-    uint32_t apex_ = none;
 
     bool whole(int x, int y) const {
         return x >= -1 && y >= -1 && x < whole_.width - 1 && y < whole_.height - 1 && whole_.at(x + 1, y + 1);
@@ -184,10 +181,6 @@ private:
         const glm::dvec3 p = ray(k_, {u, v}) * z;
         mesh_.vertices.push_back({float(p.x), float(p.y), float(p.z), 0});
         return uint32_t(mesh_.vertices.size() - 1);
-    }
-    uint32_t apex() {
-        if (apex_ == none) apex_ = add_vertex(0, 0, 0);
-        return apex_;
     }
     void triangle(std::vector<LiftedQuad>& to, uint32_t a, uint32_t b, uint32_t c) { to.push_back({a, b, c, c}); }
 
@@ -238,50 +231,29 @@ private:
         for (int c = 0; c < 4; ++c) {
             const int n = (c + 1) % 4;
             if (cell.state[c] == Pixel::missing || cell.state[n] == Pixel::missing || cell.joined_next[c]) continue;
-            emit_wall(x, y, cell, c, n, centre);
+            emit_wall(x, y, cell, c, n);
         }
     }
 
-    /// The wall on the line from the middle of edge (a, b) to the cell's centre.
-    void emit_wall(int x, int y, const SplitCell& cell, int a, int b, const std::array<uint32_t, 4>& centre) {
-        const auto side = [&](int c, int other) {
-            return std::array<uint32_t, 2>{half_edge(x + corner_dx[c], y + corner_dy[c], corner_dx[other] - corner_dx[c],
-                                                     corner_dy[other] - corner_dy[c]),
-                                           centre[cell.part[c]]};
+    /// The wall on the line from the middle of the edge between two corners to the cell's centre, from
+    /// one side's 1/z to the other's. It stands in the plane of the recorded rays.
+    void emit_wall(int x, int y, const SplitCell& cell, int a, int b) {
+        const double mx = x + 0.5 + 0.5 * (corner_dx[a] + corner_dx[b]), my = y + 0.5 + 0.5 * (corner_dy[a] + corner_dy[b]);
+        const auto heights = [&](int c, bool to_next) -> std::array<float, 2> {
+            switch (cell.state[c]) {
+                case Pixel::solid: return {to_next ? cell.towards_next[c] : cell.towards_last[c], cell.centre[cell.part[c]]};
+                case Pixel::sky: return {0, 0};
+                default: return {mesh_.wall_top, mesh_.wall_top};  // nothing is known along this pixel's ray
+            }
         };
-        const bool a_solid = cell.state[a] == Pixel::solid, b_solid = cell.state[b] == Pixel::solid;
-        if (a_solid && b_solid) {
-            const auto from = side(a, b), to = side(b, a);
-            if (from[1] == to[1])
-                triangle(mesh_.torn, from[0], from[1], to[0]);
-            else
-                mesh_.torn.push_back({from[0], from[1], to[1], to[0]});
-            return;
-        }
-        const bool invalid = cell.state[a] == Pixel::invalid || cell.state[b] == Pixel::invalid;
-        if (!a_solid && !b_solid && (cell.state[a] == cell.state[b])) return;
-        const auto line_at = [&](double z) {  // the same line further along its rays
-            const double mx = x + 0.5 + 0.5 * (corner_dx[a] + corner_dx[b]);
-            const double my = y + 0.5 + 0.5 * (corner_dy[a] + corner_dy[b]);
-            return std::array<uint32_t, 2>{add_vertex(mx, my, z), add_vertex(x + 1.0, y + 1.0, z)};
+        const auto from = heights(a, true), to = heights(b, false);
+        if (from == to) return;
+        const auto add = [&](double u, double v, float w) {
+            mesh_.wall_vertices.push_back({float((u - k_.cx) / k_.fx), float((v - k_.cy) / k_.fy), w, 0});
+            return uint32_t(mesh_.wall_vertices.size() - 1);
         };
-        if (invalid) {
-            // Nothing is known along the invalid pixel's ray: the wall stands from the camera's centre.
-            const auto end = a_solid ? side(a, b) : b_solid ? side(b, a) : line_at(far_m_);
-            triangle(mesh_.torn, apex(), end[0], end[1]);
-            return;
-        }
-        // Up to the sky in a chain of quads: one alone would be so long that its rounding shows.
-        std::array<uint32_t, 2> from = a_solid ? side(a, b) : side(b, a);
-        const int owner = a_solid ? a : b;
-        double z = 1.0 / field_.w.at(x + corner_dx[owner], y + corner_dy[owner]);
-        for (z *= chain_ratio; z < double(far_m_); z *= chain_ratio) {
-            const auto to = line_at(z);
-            mesh_.torn.push_back({from[0], from[1], to[1], to[0]});
-            from = to;
-        }
-        const auto to = line_at(far_m_);
-        mesh_.torn.push_back({from[0], from[1], to[1], to[0]});
+        const uint32_t a_mid = add(mx, my, from[0]), a_centre = add(x + 1.0, y + 1.0, from[1]);
+        mesh_.torn.push_back({a_mid, a_centre, add(x + 1.0, y + 1.0, to[1]), add(mx, my, to[0])});
     }
 };
 
@@ -297,7 +269,7 @@ LiftedMesh lift(const Intrinsics& intrinsics, const DepthMap& depth, const LiftO
     mesh.intrinsics = intrinsics;
     mesh.inverse_depth = Grid<float>(depth.width, depth.height);
     mesh.vertices.resize(depth.size());
-    float far_m = 1;
+    float nearest_m = sky_from_m;
     for (int y = 0; y < depth.height; ++y) {
         for (int x = 0; x < depth.width; ++x) {
             const float z = depth.at(x, y);
@@ -311,15 +283,16 @@ LiftedMesh lift(const Intrinsics& intrinsics, const DepthMap& depth, const LiftO
                 vertex = {0, 0, 0, 0};  // never referenced
                 continue;
             }
-            far_m = std::max(far_m, z);
+            nearest_m = std::min(nearest_m, z);
             const glm::dvec3 p = ray(intrinsics, {x + 0.5, y + 0.5}) * double(z);
             vertex = {float(p.x), float(p.y), float(p.z), 0};
         }
     }
     find_tears(mesh, options);
-    // Walls against the sky end far behind everything that was measured. A power of two keeps the mesh
-    // of a scaled scene the scaled mesh to the bit.
-    Builder(mesh, 1024.0f * far_m).run();
+    // Walls beside a pixel without a measurement end this near to the camera: a power of two, so that
+    // the mesh of a scaled scene is the scaled mesh to the bit.
+    mesh.wall_top = 1024.0f / nearest_m;
+    Builder(mesh).run();
     return mesh;
 }
 

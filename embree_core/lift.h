@@ -6,7 +6,11 @@
 // the cell, its 1/z extrapolated by half a pixel from its own side, and a torn wall stands on the line
 // between, from the near to the far side. The image's border is a tear to nothing: surfaces end half
 // a pixel outside the outermost centres, without a wall. Beside a pixel without a measurement the
-// walls reach to the camera's centre, for nothing is known along that pixel's ray.
+// walls reach (nearly) to the camera's centre, for nothing is known along that pixel's ray.
+//
+// Surfaces are given in camera coordinates. Walls are given in projective ones, (x/z, y/z, 1/z), where
+// straight lines stay straight: there a wall is upright, thin and finite even when it ends at the sky
+// (1/z = 0), while in space it would be a needle along the recorded rays, which no ray tracer likes.
 #pragma once
 #include <array>
 #include <cstdint>
@@ -29,7 +33,7 @@ struct LiftOptions {
 };
 
 struct LiftedVertex {
-    float x, y, z, w;  ///< camera coordinates in metres; w pads to 16 bytes for the ray tracer
+    float x, y, z, pad;  ///< camera coordinates in metres; padded to 16 bytes for the ray tracer
 };
 /// Corners in order round the quad; a triangle repeats its last corner.
 using LiftedQuad = std::array<uint32_t, 4>;
@@ -39,7 +43,9 @@ struct LiftedMesh {
     Intrinsics intrinsics;
     std::vector<LiftedVertex> vertices;  ///< the first width*height are the pixel centres, row-major
     std::vector<LiftedQuad> kept;        ///< lie on one observed surface
-    std::vector<LiftedQuad> torn;        ///< walls across a discontinuity
+    std::vector<LiftedVertex> wall_vertices;  ///< (x/z, y/z, 1/z)
+    std::vector<LiftedQuad> torn;        ///< walls across a discontinuity, over wall_vertices
+    float wall_top = 0;                  ///< largest 1/z of a wall
     Grid<float> inverse_depth;           ///< 1/z at pixel centres; 0 is sky; NaN no measurement
     Grid<uint8_t> tears;                 ///< bit 0: torn from the right neighbour, bit 1: from the lower
     uint64_t invalid_px = 0;             ///< NaN, 0, negative

@@ -67,8 +67,8 @@ struct ViewedLine {
         const double length = within.end - within.begin;
         return Interval{within.begin + t->x * length, within.begin + t->y * length};
     }
-    bool meets(const TracedScene& scene, const Interval& range) const {
-        return scene.occluded(glm::vec3(origin), glm::vec3(direction), float(range.begin), float(range.end));
+    bool meets_surface(const Interval& range) const {
+        return view->kept.occluded(glm::vec3(origin), glm::vec3(direction), float(range.begin), float(range.end));
     }
     /// Whether this view saw past the point at t.
     bool saw_past(double t) const {
@@ -80,15 +80,8 @@ struct ViewedLine {
     /// surfaces and walls the answer is the same, so one point decides for each part.
     void free_parts(const Interval& range, std::vector<Interval>& out) const {
         std::vector<double> cuts{range.begin, range.end};
-        for (const TracedScene* scene : {&view->kept, &view->torn}) {
-            double from = range.begin;
-            for (int crossings = 0; crossings < 256; ++crossings) {
-                const Hit hit = scene->intersect(glm::vec3(origin), glm::vec3(direction), float(from), float(range.end));
-                if (!hit) break;
-                cuts.push_back(hit.t);
-                from = double(hit.t) * (1 + 1e-6) + 1e-9;
-            }
-        }
+        view->kept.crossings(glm::vec3(origin), glm::vec3(direction), range.begin, range.end, [&](double t) { cuts.push_back(t); });
+        view->torn.crossings(origin, direction, range.begin, range.end, cuts);
         std::sort(cuts.begin(), cuts.end());
         for (size_t i = 0; i + 1 < cuts.size(); ++i)
             if (cuts[i] < cuts[i + 1] && saw_past(0.5 * (cuts[i] + cuts[i + 1]))) out.push_back({cuts[i], cuts[i + 1]});
@@ -124,9 +117,9 @@ struct Finding {
 /// What one camera alone can say about its own pixel's segment: any wall it passes hides something.
 Finding ask_own(const ViewedLine& line, const Stretch& stretch, const Interval& whole) {
     Finding finding;
-    if (line.meets(line.view->kept, whole))
+    if (line.meets_surface(whole))
         finding.answer = Answer::occluded;
-    else if (line.meets(line.view->torn, {stretch.begin, stretch.end}))
+    else if (line.view->torn.passed(line.origin, line.direction, stretch.begin, stretch.end))
         finding.answer = Answer::unknown;
     // The frustum is convex and holds the other end, so the whole stretch is in it if this end is.
     finding.unseen = stretch.begin < stretch.end && !in_frustum(line.view->mesh.intrinsics, stretch.shifted_end);
@@ -156,7 +149,7 @@ Finding ask_rig(const LiftedRig& rig, const ViewedLine& own, const Stretch& stre
         std::vector<Interval> unlooked{gap};
         for (const auto& [line, range] : looking) {
             const Interval reach{std::max({gap.begin - slack, range.begin, asked.begin}), std::min({gap.end + slack, range.end, asked.end})};
-            if (line.meets(line.view->kept, reach)) {
+            if (line.meets_surface(reach)) {
                 finding.answer = Answer::occluded;
                 return finding;
             }

@@ -10,13 +10,29 @@
 
 namespace vshift {
 
-/// A recorded camera, lifted and ready to trace. Traced scenes are in the camera's own frame.
+/// The torn walls of one depth map, ready to trace. Lines are origin + t direction in the camera's frame;
+/// they are carried over to projective coordinates, where walls live (lift.h).
+class TracedWalls {
+public:
+    explicit TracedWalls(const LiftedMesh& mesh);
+    /// Does the line pass a wall between t = begin and end?
+    bool passed(const glm::dvec3& origin, const glm::dvec3& direction, double begin, double end) const;
+    /// Appends every such t.
+    void crossings(const glm::dvec3& origin, const glm::dvec3& direction, double begin, double end,
+                   std::vector<double>& t) const;
+
+private:
+    TracedScene scene_;
+    double nearest_z_m_;  ///< no wall stands nearer
+};
+
+/// A recorded camera, lifted and ready to trace, in its own frame.
 struct LiftedView {
     std::string name;
     Pose world_from_cam;
     LiftedMesh mesh;
     TracedScene kept;
-    TracedScene torn;
+    TracedWalls torn;
 };
 
 /// `shifted_centre_m`: V's centre in the world; sets the baseline of the tear rule.
