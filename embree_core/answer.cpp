@@ -17,7 +17,9 @@ double ms_since(Clock::time_point start) {
     return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
 }
 
-std::vector<float> plane_of(const Mask& mask) { return {mask.data.begin(), mask.data.end()}; }
+std::vector<float> plane_of(const Mask& mask) {
+    return {mask.data.begin(), mask.data.end()};
+}
 
 std::string number(double value) {
     char text[32];
@@ -32,7 +34,9 @@ std::string matrix_text(const Pose& pose) {
     std::string text;
     for (int row = 0; row < 4; ++row)
         for (int column = 0; column < 4; ++column) {
-            const double value = row == 3 ? column == 3 : column == 3 ? pose.translation_m[row] : pose.rotation[column][row];
+            const double value = row == 3      ? column == 3
+                                 : column == 3 ? pose.translation_m[row]
+                                               : pose.rotation[column][row];
             text += (text.empty() ? "" : " ") + number(value);
         }
     return text;
@@ -60,7 +64,8 @@ const ColorImage& FrameFiles::color(const std::string& camera, int frame) {
     if (const auto found = colors_.find(camera); found != colors_.end()) return found->second;
     const CameraSpec& spec = recipe_.camera(camera);
     if (spec.image.empty())
-        throw Error(ExitCode::bad_input, recipe_.file.string() + ": " + camera + ": image: got nothing, expected a picture to warp");
+        throw Error(ExitCode::bad_input,
+                    recipe_.file.string() + ": " + camera + ": image: got nothing, expected a picture to warp");
     return colors_[camera] = read_color(recipe_.path(spec.image, frame), spec.intrinsics.width, spec.intrinsics.height);
 }
 
@@ -136,7 +141,8 @@ Answer answer(const Recipe& recipe, const Request& request, FrameFiles& files) {
     meta["vshift:from"] = request.from == Source::rig ? "rig" : "self";
     meta["vshift:method"] = request.method;
     meta["vshift:clear_m"] = number(request.clear_m);
-    meta["vshift:intrinsic"] = number(k.fx) + " 0 " + number(k.cx) + " 0 " + number(k.fy) + " " + number(k.cy) + " 0 0 1";
+    meta["vshift:intrinsic"] =
+        number(k.fx) + " 0 " + number(k.cx) + " 0 " + number(k.fy) + " " + number(k.cy) + " 0 0 1";
     const Pose seen_from = request.out == "mask" ? own_view.world_from_cam : shifted.world_from_cam;
     meta["vshift:worldToCamera"] = matrix_text(inverse(seen_from));
     meta["vshift:invalid_px"] = std::to_string(out.invalid_px);

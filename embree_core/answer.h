@@ -31,11 +31,11 @@ struct AnswerTimes {
 };
 
 struct Answer {
-    Channels image;               ///< channels as in contract order; metadata says what was asked and counted
-    uint64_t invalid_px = 0;      ///< pixels of the own depth map without a measurement
+    Channels image;           ///< channels as in contract order; metadata says what was asked and counted
+    uint64_t invalid_px = 0;  ///< pixels of the own depth map without a measurement
     uint64_t sky_px = 0;
     uint64_t kept_quads = 0, torn_quads = 0;  ///< over all views that were lifted
-    bool centre_hidden = false;   ///< V's centre lies behind what the own camera saw: hidden space
+    bool centre_hidden = false;               ///< V's centre lies behind what the own camera saw: hidden space
     AnswerTimes times;
 };
 

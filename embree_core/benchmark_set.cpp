@@ -29,7 +29,8 @@ ordered_json read_manifest(const fs::path& file) {
     ordered_json data;
     const auto refuse = [&](const std::string& text) { throw Error(ExitCode::bad_input, file.string() + ": " + text); };
     const auto shallow = [&](int depth, ordered_json::parse_event_t, ordered_json&) {
-        if (depth > deepest_nesting) refuse("json: got nesting deeper than " + std::to_string(deepest_nesting) + ", expected a manifest");
+        if (depth > deepest_nesting)
+            refuse("json: got nesting deeper than " + std::to_string(deepest_nesting) + ", expected a manifest");
         return true;  // dump() recurses
     };
     try {
@@ -37,13 +38,17 @@ ordered_json read_manifest(const fs::path& file) {
     } catch (const nlohmann::json::exception&) {
         throw Error(ExitCode::bad_input, file.string() + ": json: got text that does not parse, expected a manifest");
     }
-    if (!data.is_object() || data.value("vshift_manifest", ordered_json()) != 1 || !data.contains("items") || !data["items"].is_object())
-        throw Error(ExitCode::bad_input, file.string() + ": vshift_manifest: got something else, expected 1 with items");
+    if (!data.is_object() || data.value("vshift_manifest", ordered_json()) != 1 || !data.contains("items") ||
+        !data["items"].is_object())
+        throw Error(ExitCode::bad_input,
+                    file.string() + ": vshift_manifest: got something else, expected 1 with items");
     for (const auto& [name, item] : data["items"].items()) {
         if (!item.is_object()) refuse(name + ": item: got " + item.type_name() + ", expected an object");
         for (const char* key : {"status", "sha256"})
-            if (item.contains(key) && !item[key].is_string()) refuse(name + ": " + key + ": got " + item[key].type_name() + ", expected text");
-        if (item.contains("bytes") && !item["bytes"].is_number_unsigned()) refuse(name + ": bytes: got " + item["bytes"].type_name() + ", expected a whole number");
+            if (item.contains(key) && !item[key].is_string())
+                refuse(name + ": " + key + ": got " + item[key].type_name() + ", expected text");
+        if (item.contains("bytes") && !item["bytes"].is_number_unsigned())
+            refuse(name + ": bytes: got " + item["bytes"].type_name() + ", expected a whole number");
     }
     return data;
 }
@@ -58,10 +63,12 @@ public:
             const int reason = errno;
             if (descriptor_ >= 0 && reason == EINTR) {
                 ::close(descriptor_);
-                throw Error(ExitCode::interrupted, "interrupted: got a signal, expected to finish; what was written is whole");
+                throw Error(ExitCode::interrupted,
+                            "interrupted: got a signal, expected to finish; what was written is whole");
             }
             if (descriptor_ >= 0) ::close(descriptor_);
-            throw Error(ExitCode::io_failed, file.string() + ": lock: got " + std::strerror(reason) + ", expected to hold it");
+            throw Error(ExitCode::io_failed,
+                        file.string() + ": lock: got " + std::strerror(reason) + ", expected to hold it");
         }
     }
     ~SetLock() { ::close(descriptor_); }
@@ -83,7 +90,8 @@ std::string shift_name(const Shift& shift) {
         return std::string(value < 0 && hundredths ? "-" : "+") + std::to_string(hundredths / 100) + "." + digits;
     };
     const glm::dvec3& t = shift.translation_m;
-    return "x" + part(t.x) + "_y" + part(t.y) + "_z" + part(t.z) + "_yaw" + part(shift.yaw_rad * (180 / 3.14159265358979323846));
+    return "x" + part(t.x) + "_y" + part(t.y) + "_z" + part(t.z) + "_yaw" +
+           part(shift.yaw_rad * (180 / 3.14159265358979323846));
 }
 
 fs::path item_path(const std::string& shift, int frame, const std::string& camera) {
@@ -94,12 +102,16 @@ fs::path item_path(const std::string& shift, int frame, const std::string& camer
 
 std::string sha256_of_file(const fs::path& file) {
     const std::unique_ptr<std::FILE, int (*)(std::FILE*)> in(std::fopen(file.c_str(), "rb"), std::fclose);
-    if (!in) throw Error(ExitCode::io_failed, file.string() + ": file: got " + std::strerror(errno) + ", expected a readable file");
+    if (!in)
+        throw Error(ExitCode::io_failed,
+                    file.string() + ": file: got " + std::strerror(errno) + ", expected a readable file");
     const std::unique_ptr<EVP_MD_CTX, void (*)(EVP_MD_CTX*)> digest(EVP_MD_CTX_new(), EVP_MD_CTX_free);
     EVP_DigestInit_ex(digest.get(), EVP_sha256(), nullptr);
     std::vector<char> block(size_t(1) << 20);
-    while (const size_t count = std::fread(block.data(), 1, block.size(), in.get())) EVP_DigestUpdate(digest.get(), block.data(), count);
-    if (std::ferror(in.get())) throw Error(ExitCode::io_failed, file.string() + ": file: got a read error, expected its bytes");
+    while (const size_t count = std::fread(block.data(), 1, block.size(), in.get()))
+        EVP_DigestUpdate(digest.get(), block.data(), count);
+    if (std::ferror(in.get()))
+        throw Error(ExitCode::io_failed, file.string() + ": file: got a read error, expected its bytes");
     unsigned char bytes[EVP_MAX_MD_SIZE];
     unsigned int size = 0;
     EVP_DigestFinal_ex(digest.get(), bytes, &size);
@@ -116,11 +128,15 @@ Manifest::Manifest(const fs::path& set_dir) : folder_(set_dir), data_(read_manif
 std::vector<NamedShift> Manifest::shifts() const {
     const std::string where = (folder_ / "manifest.json").string() + ": shifts";
     std::vector<NamedShift> out;
-    const auto bad = [&] { throw Error(ExitCode::bad_input, where + ": got something else, expected a list of {name, shift, yaw_deg}"); };
+    const auto bad = [&] {
+        throw Error(ExitCode::bad_input, where + ": got something else, expected a list of {name, shift, yaw_deg}");
+    };
     const ordered_json shifts = data_.value("shifts", ordered_json());
     if (!shifts.is_array()) bad();
     for (const ordered_json& s : shifts) {
-        if (!s.is_object() || !s.value("name", ordered_json()).is_string() || !s.value("shift", ordered_json()).is_array() || s["shift"].size() != 3) bad();
+        if (!s.is_object() || !s.value("name", ordered_json()).is_string() ||
+            !s.value("shift", ordered_json()).is_array() || s["shift"].size() != 3)
+            bad();
         NamedShift named;
         named.name = s["name"];
         for (int i = 0; i < 3; ++i) {
@@ -148,8 +164,10 @@ Shift Manifest::shift_of(const std::string& item, const Shift& named) const {
     const ordered_json& place = items[item]["moved_to"];
     Shift moved = named;
     for (size_t i = 0; i < 3; ++i) {
-        if (!place.is_array() || place.size() != 3 || !place[i].is_number() || !(std::abs(place[i].get<double>()) <= 1e6))
-            throw Error(ExitCode::bad_input, (folder_ / "manifest.json").string() + ": " + item + ": moved_to: got something else, expected x,y,z in metres");
+        if (!place.is_array() || place.size() != 3 || !place[i].is_number() ||
+            !(std::abs(place[i].get<double>()) <= 1e6))
+            throw Error(ExitCode::bad_input, (folder_ / "manifest.json").string() + ": " + item +
+                                                 ": moved_to: got something else, expected x,y,z in metres");
         moved.translation_m[int(i)] = place[i];
     }
     return moved;
@@ -160,12 +178,16 @@ bool Manifest::is_done(const std::string& item) const {
     if (!items.contains(item) || items[item].value("status", "") != "done") return false;
     std::error_code error;
     const auto bytes = fs::file_size(folder_ / item, error);
-    return !error && bytes == items[item].value("bytes", uint64_t(0)) && sha256_of_file(folder_ / item) == items[item].value("sha256", "");
+    return !error && bytes == items[item].value("bytes", uint64_t(0)) &&
+           sha256_of_file(folder_ / item) == items[item].value("sha256", "");
 }
 
 void Manifest::record_done(const std::string& item, const std::string& kind, double seconds) {
-    ordered_json entry = {{"kind", kind}, {"status", "done"}, {"sha256", sha256_of_file(folder_ / item)},
-                          {"bytes", uint64_t(fs::file_size(folder_ / item))}, {"seconds", std::round(seconds * 1000) / 1000}};
+    ordered_json entry = {{"kind", kind},
+                          {"status", "done"},
+                          {"sha256", sha256_of_file(folder_ / item)},
+                          {"bytes", uint64_t(fs::file_size(folder_ / item))},
+                          {"seconds", std::round(seconds * 1000) / 1000}};
     const SetLock lock(folder_);
     data_ = read_manifest(folder_ / "manifest.json");
     data_["items"][item] = std::move(entry);
@@ -181,13 +203,16 @@ SetCheck check_set(const Manifest& manifest, const std::function<void(size_t, si
         if (status == "done") {
             ++result.done;
             if (!manifest.is_done(name))
-                result.faults.push_back((manifest.folder() / name).string() + ": sha256: got another file or none, expected " + item.value("sha256", "").substr(0, 12));
+                result.faults.push_back((manifest.folder() / name).string() +
+                                        ": sha256: got another file or none, expected " +
+                                        item.value("sha256", "").substr(0, 12));
         } else if (status == "refused") {
             ++result.refused;
         } else if (status == "planned") {
             ++result.planned;
         } else {
-            result.faults.push_back((manifest.folder() / "manifest.json").string() + ": " + name + ": status: got '" + status + "', expected done, planned or refused");
+            result.faults.push_back((manifest.folder() / "manifest.json").string() + ": " + name + ": status: got '" +
+                                    status + "', expected done, planned or refused");
         }
         progress(++position, items.size(), name);
     }

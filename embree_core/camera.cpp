@@ -42,8 +42,7 @@ bool in_frustum(const Intrinsics& k, const glm::dvec3& p_cam) {
     return true;
 }
 
-std::optional<glm::dvec2> clip_to_frustum(const Intrinsics& k, const glm::dvec3& a_cam,
-                                          const glm::dvec3& b_cam) {
+std::optional<glm::dvec2> clip_to_frustum(const Intrinsics& k, const glm::dvec3& a_cam, const glm::dvec3& b_cam) {
     const auto at_a = frustum_sides(k, a_cam);
     const auto at_b = frustum_sides(k, b_cam);
     double t0 = 0, t1 = 1;
@@ -60,8 +59,7 @@ std::optional<glm::dvec2> clip_to_frustum(const Intrinsics& k, const glm::dvec3&
 Pose recorded_ego_from_shifted_ego(const Shift& shift) {
     const double c = std::cos(shift.yaw_rad), s = std::sin(shift.yaw_rad);
     // Columns: a positive yaw turns the ego's x axis towards its y axis (to the left).
-    return {glm::dmat3(glm::dvec3{c, s, 0}, glm::dvec3{-s, c, 0}, glm::dvec3{0, 0, 1}),
-            shift.translation_m};
+    return {glm::dmat3(glm::dvec3{c, s, 0}, glm::dvec3{-s, c, 0}, glm::dvec3{0, 0, 1}), shift.translation_m};
 }
 
 Pose shifted_ego_from_cam(const Pose& ego_from_cam, const Shift& shift) {

@@ -42,8 +42,7 @@ bool in_image(const Intrinsics& k, glm::dvec2 u_px);
 bool in_frustum(const Intrinsics& k, const glm::dvec3& p_cam);
 
 /// The part [t0, t1] of the segment a + t (b - a), t in [0, 1], inside the frustum, or null.
-std::optional<glm::dvec2> clip_to_frustum(const Intrinsics& k, const glm::dvec3& a_cam,
-                                          const glm::dvec3& b_cam);
+std::optional<glm::dvec2> clip_to_frustum(const Intrinsics& k, const glm::dvec3& a_cam, const glm::dvec3& b_cam);
 
 /// The ego's own motion: a translation in ego metres, then a turn by yaw about the ego's z axis
 /// (method.md section 1). The whole rig moves as one rigid body.

@@ -56,10 +56,18 @@ std::vector<std::vector<float>> decode_npy(std::string_view bytes, const Claim& 
     const size_t step = sample_bytes(claim.stored);
     for (size_t i = 0; i < count; ++i)
         for (size_t c = 0; c < n; ++c, from += step) switch (claim.stored) {
-                case Stored::uint8: planes[c][i] = load<uint8_t>(from, false); break;
-                case Stored::uint16: planes[c][i] = load<uint16_t>(from, false); break;
-                case Stored::float64: planes[c][i] = narrowed(load<double>(from, false)); break;
-                default: planes[c][i] = load<float>(from, false); break;
+                case Stored::uint8:
+                    planes[c][i] = load<uint8_t>(from, false);
+                    break;
+                case Stored::uint16:
+                    planes[c][i] = load<uint16_t>(from, false);
+                    break;
+                case Stored::float64:
+                    planes[c][i] = narrowed(load<double>(from, false));
+                    break;
+                default:
+                    planes[c][i] = load<float>(from, false);
+                    break;
             }
     return planes;
 }
@@ -89,9 +97,12 @@ std::string encode_npy(const Channels& image, SampleType type) {
     for (size_t i = 0; i < count; ++i)
         for (size_t c = 0; c < n; ++c) {
             const float value = image.planes[c][i];
-            if (type == SampleType::uint8) store_le(out, uint8_t(quantize(value, 255)));
-            else if (type == SampleType::uint16) store_le(out, uint16_t(quantize(value, 65535)));
-            else store_le(out, value);
+            if (type == SampleType::uint8)
+                store_le(out, uint8_t(quantize(value, 255)));
+            else if (type == SampleType::uint16)
+                store_le(out, uint16_t(quantize(value, 65535)));
+            else
+                store_le(out, value);
         }
     return out;
 }

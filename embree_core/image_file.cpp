@@ -57,8 +57,7 @@ std::string unknown_channel(const std::string& name, const std::vector<std::stri
         if (i < listed) text += (i ? ", " : "") + names[i];
         // The last part counts too: Z is near ViewLayer.Depth.Z.
         const std::string last = names[i].substr(names[i].rfind('.') + 1);
-        const size_t distance =
-            std::min(2 * edit_distance(name, names[i]), 2 * edit_distance(name, last) + 1);
+        const size_t distance = std::min(2 * edit_distance(name, names[i]), 2 * edit_distance(name, last) + 1);
         if (distance < best) best = distance, nearest = names[i];
     }
     if (names.size() > listed) text += " and " + std::to_string(names.size() - listed) + " more";
@@ -78,11 +77,16 @@ struct Decoded {
 
 std::vector<std::string> plain_names(int64_t channels) {
     switch (channels) {
-        case 1: return {"Y"};
-        case 2: return {"Y", "A"};
-        case 3: return {"R", "G", "B"};
-        case 4: return {"R", "G", "B", "A"};
-        default: break;
+        case 1:
+            return {"Y"};
+        case 2:
+            return {"Y", "A"};
+        case 3:
+            return {"R", "G", "B"};
+        case 4:
+            return {"R", "G", "B", "A"};
+        default:
+            break;
     }
     std::vector<std::string> names;
     for (int64_t i = 0; i < channels; ++i) names.push_back(std::to_string(i));
@@ -91,11 +95,25 @@ std::vector<std::string> plain_names(int64_t channels) {
 
 /// Attributes that describe the encoding, not the picture.
 bool is_encoding_key(const std::string& key) {
-    static const char* const keys[] = {"compression", "name", "type", "channels", "dataWindow",
-                                       "displayWindow", "lineOrder", "pixelAspectRatio", "tiles",
-                                       "screenWindowCenter", "screenWindowWidth", "version",
-                                       "chunkCount", "view", "multiView", "preview", "worldtocamera",
-                                       "worldtoscreen", "Compression"};
+    static const char* const keys[] = {"compression",
+                                       "name",
+                                       "type",
+                                       "channels",
+                                       "dataWindow",
+                                       "displayWindow",
+                                       "lineOrder",
+                                       "pixelAspectRatio",
+                                       "tiles",
+                                       "screenWindowCenter",
+                                       "screenWindowWidth",
+                                       "version",
+                                       "chunkCount",
+                                       "view",
+                                       "multiView",
+                                       "preview",
+                                       "worldtocamera",
+                                       "worldtoscreen",
+                                       "Compression"};
     if (key.rfind("oiio:", 0) == 0 || key.rfind("openexr:", 0) == 0 || key.rfind("png:", 0) == 0 ||
         key.rfind("jpeg:", 0) == 0 || key.rfind("CICP", 0) == 0)
         return true;
@@ -107,8 +125,7 @@ std::string first_line(std::string text) {
     return text.substr(0, std::min(text.find('\n'), size_t(200)));
 }
 
-void decode_oiio(const fs::path& file, const std::string& bytes,
-                 const std::vector<std::string>& wanted, Decoded& out) {
+void decode_oiio(const fs::path& file, const std::string& bytes, const std::vector<std::string>& wanted, Decoded& out) {
     const char* format = out.claim.kind == Kind::exr ? "exr" : out.claim.kind == Kind::png ? "png" : "jpg";
     auto in = OIIO::ImageInput::create(format);
     if (!in) {
@@ -137,8 +154,7 @@ void decode_oiio(const fs::path& file, const std::string& bytes,
         begin = spec.nchannels, end = 0;
         for (const std::string& name : wanted) {
             const auto found = std::find(names.begin(), names.end(), name);
-            if (found == names.end())
-                fail_file(ExitCode::bad_input, file, "channel", unknown_channel(name, names));
+            if (found == names.end()) fail_file(ExitCode::bad_input, file, "channel", unknown_channel(name, names));
             begin = std::min(begin, int(found - names.begin()));
             end = std::max(end, int(found - names.begin()) + 1);
         }
@@ -152,8 +168,7 @@ void decode_oiio(const fs::path& file, const std::string& bytes,
             refuse("pixels");  // it may return true with an error pending
         for (size_t c = 0; c < step; ++c) {
             out.image.planes[c].resize(pixels);
-            for (size_t i = 0; i < pixels; ++i)
-                out.image.planes[c][i] = float(interleaved[i * step + c]);
+            for (size_t i = 0; i < pixels; ++i) out.image.planes[c][i] = float(interleaved[i * step + c]);
         }
     };
     if (out.claim.kind == Kind::exr) {
@@ -182,17 +197,16 @@ template <class Inspect>
 Decoded decode(const fs::path& file, const std::vector<std::string>& wanted, Inspect&& inspect) {
     const RegularFile source(file);
     if (source.size() > max_file_bytes)
-        fail_file(ExitCode::over_limit, file, "size",
-                  "got " + std::to_string(source.size()) + " bytes, expected at most " +
-                      std::to_string(max_file_bytes));
+        fail_file(
+            ExitCode::over_limit, file, "size",
+            "got " + std::to_string(source.size()) + " bytes, expected at most " + std::to_string(max_file_bytes));
     try {
         Decoded out;
         const auto checked = [&](const std::string& bytes, uint64_t file_size) {
             auto claim = formats::read_claim(file, bytes, file_size);
             if (!claim) return false;
             const bool one_plane = claim->kind == Kind::exr && !wanted.empty();
-            formats::check_limits(file, claim->width, claim->height,
-                                  one_plane ? 1 : claim->channels);
+            formats::check_limits(file, claim->width, claim->height, one_plane ? 1 : claim->channels);
             out.claim = std::move(*claim);
             return true;
         };
@@ -241,20 +255,28 @@ std::string ending_of(const fs::path& file) {
 
 const char* type_name(SampleType type) {
     switch (type) {
-        case SampleType::float32: return "float32";
-        case SampleType::float16: return "float16";
-        case SampleType::uint16: return "uint16";
-        case SampleType::uint8: return "uint8";
+        case SampleType::float32:
+            return "float32";
+        case SampleType::float16:
+            return "float16";
+        case SampleType::uint16:
+            return "uint16";
+        case SampleType::uint8:
+            return "uint8";
     }
     return "?";
 }
 
 OIIO::TypeDesc oiio_type(SampleType type) {
     switch (type) {
-        case SampleType::float16: return OIIO::TypeDesc(OIIO::TypeDesc::HALF);
-        case SampleType::uint16: return OIIO::TypeDesc(OIIO::TypeDesc::UINT16);
-        case SampleType::uint8: return OIIO::TypeDesc(OIIO::TypeDesc::UINT8);
-        default: return OIIO::TypeDesc(OIIO::TypeDesc::FLOAT);
+        case SampleType::float16:
+            return OIIO::TypeDesc(OIIO::TypeDesc::HALF);
+        case SampleType::uint16:
+            return OIIO::TypeDesc(OIIO::TypeDesc::UINT16);
+        case SampleType::uint8:
+            return OIIO::TypeDesc(OIIO::TypeDesc::UINT8);
+        default:
+            return OIIO::TypeDesc(OIIO::TypeDesc::FLOAT);
     }
 }
 
@@ -271,8 +293,7 @@ std::vector<unsigned char> pack(const Channels& image, const std::vector<SampleT
         const float* from = image.planes[c].data();
         if (types[c] == SampleType::float16) {
             for (size_t at = 0; at < pixels; at += size_t(1) << 30)
-                OIIO::convert_pixel_values(OIIO::TypeFloat, from + at, oiio_type(types[c]),
-                                           plane.data() + at * size,
+                OIIO::convert_pixel_values(OIIO::TypeFloat, from + at, oiio_type(types[c]), plane.data() + at * size,
                                            int(std::min(pixels - at, size_t(1) << 30)));
         } else if (types[c] == SampleType::float32) {
             std::memcpy(plane.data(), from, pixels * size);
@@ -293,8 +314,7 @@ std::vector<unsigned char> pack(const Channels& image, const std::vector<SampleT
     return packed;
 }
 
-std::string encode_oiio(const fs::path& file, const Channels& image,
-                        const std::vector<SampleType>& types, bool exr) {
+std::string encode_oiio(const fs::path& file, const Channels& image, const std::vector<SampleType>& types, bool exr) {
     const std::string name = exr ? "image.exr" : "image.png";
     auto out = OIIO::ImageOutput::create(name);
     if (!out)
@@ -338,19 +358,17 @@ std::string encode_oiio(const fs::path& file, const Channels& image,
 
 /// Throws Error our_bug: the caller's own image does not hold together.
 void require_consistent(const fs::path& file, const Channels& image) {
-    bool sound = image.width > 0 && image.height > 0 && !image.names.empty() &&
-                 image.names.size() == image.planes.size();
-    for (const auto& plane : image.planes)
-        sound = sound && plane.size() == size_t(image.width) * size_t(image.height);
+    bool sound =
+        image.width > 0 && image.height > 0 && !image.names.empty() && image.names.size() == image.planes.size();
+    for (const auto& plane : image.planes) sound = sound && plane.size() == size_t(image.width) * size_t(image.height);
     std::vector<std::string> names = image.names;
     std::sort(names.begin(), names.end());
     sound = sound && std::adjacent_find(names.begin(), names.end()) == names.end() &&
             std::find(names.begin(), names.end(), "") == names.end();
     if (!sound)
         fail_file(ExitCode::our_bug, file, "image",
-                  "got " + size_text(image.width, image.height) + " with " +
-                      std::to_string(image.names.size()) + " names and " +
-                      std::to_string(image.planes.size()) +
+                  "got " + size_text(image.width, image.height) + " with " + std::to_string(image.names.size()) +
+                      " names and " + std::to_string(image.planes.size()) +
                       " planes, expected one full plane for each of its distinct names");
 }
 
@@ -359,7 +377,8 @@ void require_consistent(const fs::path& file, const Channels& image) {
 const std::vector<float>& Channels::plane(const std::string& name) const {
     const auto found = std::find(names.begin(), names.end(), name);
     if (found == names.end())
-        throw Error(ExitCode::bad_input, (file.empty() ? "" : file + ": ") + "channel: " + unknown_channel(name, names));
+        throw Error(ExitCode::bad_input,
+                    (file.empty() ? "" : file + ": ") + "channel: " + unknown_channel(name, names));
     return planes[size_t(found - names.begin())];
 }
 
@@ -381,8 +400,7 @@ Channels read_image(const fs::path& file) {
     return std::move(decoded.image);
 }
 
-DepthMap read_depth(const fs::path& file, const std::string& channel, double scale_m, int width,
-                    int height) {
+DepthMap read_depth(const fs::path& file, const std::string& channel, double scale_m, int width, int height) {
     if (!(scale_m > 0) || !std::isfinite(scale_m))
         fail_file(ExitCode::bad_input, file, "depth scale", "got no positive number, expected metres per stored unit");
     Decoded decoded = decode(file, {channel}, [&](const Claim& claim) {
@@ -412,30 +430,29 @@ DepthMap read_depth(const fs::path& file, const std::string& channel, double sca
         constexpr double top = std::numeric_limits<float>::max();
         for (float& value : depth.data) {
             const double metres = double(value) * scale_m;
-            value = std::abs(metres) > top ? std::copysign(std::numeric_limits<float>::infinity(), value)
-                                           : float(metres);
+            value =
+                std::abs(metres) > top ? std::copysign(std::numeric_limits<float>::infinity(), value) : float(metres);
         }
     }
     return depth;
 }
 
 ColorImage read_color(const fs::path& file, int width, int height) {
-    const Decoded decoded = decode(file, {"R", "G", "B"}, [&](const Claim& claim) { require_size(file, claim, width, height); });
+    const Decoded decoded =
+        decode(file, {"R", "G", "B"}, [&](const Claim& claim) { require_size(file, claim, width, height); });
     const Channels& image = decoded.image;
     const bool integers = decoded.unit_top != 1;
     const bool gray = integers && !image.has("R") && image.has("Y");
     const std::vector<float>* planes[3];
     for (int c = 0; c < 3; ++c) {
         const std::string name = gray ? "Y" : std::string(1, "RGB"[c]);
-        if (!image.has(name))
-            fail_file(ExitCode::bad_input, file, "channel", unknown_channel(name, image.names));
+        if (!image.has(name)) fail_file(ExitCode::bad_input, file, "channel", unknown_channel(name, image.names));
         planes[c] = &image.plane(name);
     }
     std::vector<float> linear;  // by stored integer
     if (integers) {
         linear.resize(size_t(decoded.unit_top) + 1);
-        for (size_t i = 0; i < linear.size(); ++i)
-            linear[i] = float(linear_from_srgb(double(i) / decoded.unit_top));
+        for (size_t i = 0; i < linear.size(); ++i) linear[i] = float(linear_from_srgb(double(i) / decoded.unit_top));
     }
     ColorImage color(image.width, image.height);
     for (size_t i = 0; i < color.data.size(); ++i)

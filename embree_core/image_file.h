@@ -16,9 +16,9 @@ struct Channels {
     int width = 0;
     int height = 0;
     std::vector<std::string> names;
-    std::vector<std::vector<float>> planes;  ///< one plane of width * height per name
+    std::vector<std::vector<float>> planes;       ///< one plane of width * height per name
     std::map<std::string, std::string> metadata;  ///< string attributes
-    std::string file;  ///< where it was read from, for messages; may be empty
+    std::string file;                             ///< where it was read from, for messages; may be empty
 
     const std::vector<float>& plane(const std::string& name) const;  ///< throws Error bad_input
     bool has(const std::string& name) const;
@@ -43,8 +43,8 @@ Channels read_image(const std::filesystem::path& file);
 /// Depth in metres: EXR channel `channel`, single-channel PFM or NPY, or 16-bit PNG, times
 /// `scale_m` (metres per stored unit, > 0; units of 16-bit PNG and NPY are the stored integers).
 /// 8-bit files are refused. Checks the size against `width` x `height` when these are > 0.
-DepthMap read_depth(const std::filesystem::path& file, const std::string& channel, double scale_m,
-                    int width, int height);
+DepthMap read_depth(const std::filesystem::path& file, const std::string& channel, double scale_m, int width,
+                    int height);
 
 /// Linear RGB of an image file: integer samples (PNG, JPEG, integer NPY) are decoded from sRGB, floats
 /// are linear. One grey integer channel is spread to three; alpha is ignored.

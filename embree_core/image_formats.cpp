@@ -62,7 +62,9 @@ struct Cursor {
     }
 };
 
-bool blank(char c) { return c == ' ' || c == '\t' || c == '\n' || c == '\r'; }
+bool blank(char c) {
+    return c == ' ' || c == '\t' || c == '\n' || c == '\r';
+}
 
 [[noreturn]] void bad(const fs::path& file, const std::string& field, const std::string& text) {
     fail_file(ExitCode::bad_input, file, field, text);
@@ -70,10 +72,20 @@ bool blank(char c) { return c == ' ' || c == '\t' || c == '\n' || c == '\r'; }
 
 int64_t exr_lines_per_chunk(int compression) {
     switch (compression) {
-        case 0: case 1: case 2: return 1;     // none, RLE, ZIPS
-        case 3: case 5: return 16;            // ZIP, PXR24
-        case 4: case 6: case 7: case 8: return 32;  // PIZ, B44, B44A, DWAA
-        default: return 4096;                 // DWAB 256; later ones: no claim is made
+        case 0:
+        case 1:
+        case 2:
+            return 1;  // none, RLE, ZIPS
+        case 3:
+        case 5:
+            return 16;  // ZIP, PXR24
+        case 4:
+        case 6:
+        case 7:
+        case 8:
+            return 32;  // PIZ, B44, B44A, DWAA
+        default:
+            return 4096;  // DWAB 256; later ones: no claim is made
     }
 }
 
@@ -81,8 +93,8 @@ struct Box {
     int64_t x0 = 0, y0 = 0, x1 = -1, y1 = -1;
     bool operator==(const Box&) const = default;
     std::string text() const {
-        return "(" + std::to_string(x0) + "," + std::to_string(y0) + ")-(" + std::to_string(x1) +
-               "," + std::to_string(y1) + ")";
+        return "(" + std::to_string(x0) + "," + std::to_string(y0) + ")-(" + std::to_string(x1) + "," +
+               std::to_string(y1) + ")";
     }
 };
 
@@ -101,8 +113,7 @@ void exr_channels(const fs::path& file, Cursor value, Claim& claim) {
         value.take(4);
         const int xs = value.le32(), ys = value.le32();
         if (!ok || type < 0 || type > 2) bad(file, "channels", "got a broken list, expected EXR channels");
-        if (xs != 1 || ys != 1)
-            bad(file, "channels", "got subsampled " + name + ", expected full-size channels");
+        if (xs != 1 || ys != 1) bad(file, "channels", "got subsampled " + name + ", expected full-size channels");
         if (!claim.exr_types.emplace(name, type).second)
             bad(file, "channels", "got " + name + " twice, expected it once");
         if (claim.exr_types.size() > max_exr_channels)
@@ -115,8 +126,7 @@ Claim claim_exr(const fs::path& file, Cursor in, uint64_t file_size) {
     claim.kind = Kind::exr;
     in.take(4);
     const uint32_t version = in.number(4, false);
-    if ((version & 0xff) != 2)
-        bad(file, "EXR version", "got " + std::to_string(version & 0xff) + ", expected 2");
+    if ((version & 0xff) != 2) bad(file, "EXR version", "got " + std::to_string(version & 0xff) + ", expected 2");
     if (version & 0x800) bad(file, "EXR kind", "got deep samples, expected flat pixels");
     if (version & 0x1000)
         bad(file, "EXR parts", "got a multi-part file, expected one part (oiiotool --subimage takes one out)");
@@ -132,7 +142,8 @@ Claim claim_exr(const fs::path& file, Cursor in, uint64_t file_size) {
         if (!ok) bad(file, "EXR header", "got an overlong name, expected at most 255 bytes");
         const int32_t size = in.le32();
         if (size < 0 || uint64_t(size) > file_size)
-            bad(file, "EXR header", "got " + std::to_string(size) + " bytes for " + name + ", expected what the file holds");
+            bad(file, "EXR header",
+                "got " + std::to_string(size) + " bytes for " + name + ", expected what the file holds");
         const Cursor value{in.take(size_t(size))};
         try {
             if (name == "channels" && type == "chlist")
@@ -162,26 +173,26 @@ Claim claim_exr(const fs::path& file, Cursor in, uint64_t file_size) {
     claim.height = data.y1 - data.y0 + 1;
     claim.channels = int64_t(claim.exr_types.size());
     if (claim.width <= 0 || claim.height <= 0 || claim.channels == 0)
-        bad(file, "size", "got " + data.text() + " and " + std::to_string(claim.channels) + " channels, expected pixels");
+        bad(file, "size",
+            "got " + data.text() + " and " + std::to_string(claim.channels) + " channels, expected pixels");
     if (claim.width > max_image_side || claim.height > max_image_side) return claim;  // refused later
     if (!(data == display))
         bad(file, "data window", "got " + data.text() + ", expected the display window " + display.text());
     int64_t chunks;
     if (version & 0x200) {
-        if (tile_width <= 0 || tile_height <= 0)
-            bad(file, "tiles", "got an empty tile, expected pixels");
+        if (tile_width <= 0 || tile_height <= 0) bad(file, "tiles", "got an empty tile, expected pixels");
         check_limits(file, std::max(tile_width, claim.width), std::max(tile_height, claim.height),
                      claim.channels);  // a tile is decoded whole
-        chunks = ((claim.width + tile_width - 1) / tile_width) *
-                 ((claim.height + tile_height - 1) / tile_height);
+        chunks = ((claim.width + tile_width - 1) / tile_width) * ((claim.height + tile_height - 1) / tile_height);
     } else {
         const int64_t lines = exr_lines_per_chunk(compression);
         chunks = (claim.height + lines - 1) / lines;
     }
     // Each chunk has an offset of 8 bytes and, itself, at least a line number and a length.
     if (in.at + 16 * uint64_t(chunks) > file_size)
-        bad(file, "EXR chunks", "got " + std::to_string(file_size) + " bytes, expected at least " +
-                                    std::to_string(in.at + 16 * uint64_t(chunks)));
+        bad(file, "EXR chunks",
+            "got " + std::to_string(file_size) + " bytes, expected at least " +
+                std::to_string(in.at + 16 * uint64_t(chunks)));
     return claim;
 }
 
@@ -189,8 +200,7 @@ Claim claim_png(const fs::path& file, Cursor in) {
     Claim claim;
     claim.kind = Kind::png;
     in.take(8);
-    if (in.be32() != 13 || in.take(4) != "IHDR")
-        bad(file, "PNG header", "got another chunk first, expected IHDR");
+    if (in.be32() != 13 || in.take(4) != "IHDR") bad(file, "PNG header", "got another chunk first, expected IHDR");
     claim.width = in.be32();
     claim.height = in.be32();
     const uint32_t bits = in.u8(), color = in.u8();
@@ -259,8 +269,8 @@ Claim claim_pfm(const fs::path& file, Cursor in, uint64_t file_size) {
     claim.height = pfm_number<int64_t>(file, in, "PFM height");
     const double scale = pfm_number<double>(file, in, "PFM scale");
     if (claim.width <= 0 || claim.height <= 0)
-        bad(file, "size", "got " + std::to_string(claim.width) + "x" + std::to_string(claim.height) +
-                              ", expected pixels");
+        bad(file, "size",
+            "got " + std::to_string(claim.width) + "x" + std::to_string(claim.height) + ", expected pixels");
     // Some readers multiply by the scale, some ignore it: no guess is made about metres.
     if (scale != 1 && scale != -1)
         bad(file, "PFM scale", "got another factor, expected 1 (big-endian) or -1 (little-endian)");
@@ -268,8 +278,7 @@ Claim claim_pfm(const fs::path& file, Cursor in, uint64_t file_size) {
     const bool carriage_return = in.take(1) == "\r";
     claim.data_offset = in.at;
     const bool sane = claim.width <= max_image_side && claim.height <= max_image_side;
-    if (carriage_return && sane &&
-        file_size == in.at + 1 + 4 * uint64_t(claim.width * claim.height * claim.channels))
+    if (carriage_return && sane && file_size == in.at + 1 + 4 * uint64_t(claim.width * claim.height * claim.channels))
         ++claim.data_offset;  // the header's last line ended in \r\n
     return claim;
 }
@@ -327,11 +336,16 @@ struct NpyDict {
         for (expect('{'); next() != '}';) {
             const std::string key = quoted();
             expect(':');
-            if (key == "descr" && descr.empty() && next() != '[') descr = quoted();
-            else if (key == "fortran_order" && fortran < 0 && take("True")) fortran = 1;
-            else if (key == "fortran_order" && fortran < 0 && take("False")) fortran = 0;
-            else if (key == "shape" && !shape) shape = tuple();
-            else broken();
+            if (key == "descr" && descr.empty() && next() != '[')
+                descr = quoted();
+            else if (key == "fortran_order" && fortran < 0 && take("True"))
+                fortran = 1;
+            else if (key == "fortran_order" && fortran < 0 && take("False"))
+                fortran = 0;
+            else if (key == "shape" && !shape)
+                shape = tuple();
+            else
+                broken();
             if (next() != '}') expect(',');
         }
         ++at;
@@ -347,22 +361,25 @@ Claim claim_npy(const fs::path& file, Cursor in) {
     in.take(6);
     const uint32_t major = in.u8();
     in.u8();
-    if (major != 1 && major != 2)
-        bad(file, "NPY version", "got " + std::to_string(major) + ", expected 1 or 2");
+    if (major != 1 && major != 2) bad(file, "NPY version", "got " + std::to_string(major) + ", expected 1 or 2");
     const uint32_t length = in.number(major == 1 ? 2 : 4, false);
     if (length > max_npy_header)
-        bad(file, "NPY header", "got " + std::to_string(length) + " bytes, expected at most " +
-                                    std::to_string(max_npy_header));
+        bad(file, "NPY header",
+            "got " + std::to_string(length) + " bytes, expected at most " + std::to_string(max_npy_header));
     NpyDict dict{file, in.take(length), 0, {}, -1, {}};
     claim.data_offset = in.at;
     dict.parse();
-    if (dict.descr == "<f4") claim.stored = Stored::float32;
-    else if (dict.descr == "<f8") claim.stored = Stored::float64;
-    else if (dict.descr == "<u2") claim.stored = Stored::uint16;
-    else if (dict.descr == "|u1") claim.stored = Stored::uint8;
-    else bad(file, "NPY descr", "got " + dict.descr + ", expected <f4, <f8, <u2 or |u1");
-    if (dict.fortran == 1)
-        bad(file, "NPY fortran_order", "got True, expected False (numpy.ascontiguousarray)");
+    if (dict.descr == "<f4")
+        claim.stored = Stored::float32;
+    else if (dict.descr == "<f8")
+        claim.stored = Stored::float64;
+    else if (dict.descr == "<u2")
+        claim.stored = Stored::uint16;
+    else if (dict.descr == "|u1")
+        claim.stored = Stored::uint8;
+    else
+        bad(file, "NPY descr", "got " + dict.descr + ", expected <f4, <f8, <u2 or |u1");
+    if (dict.fortran == 1) bad(file, "NPY fortran_order", "got True, expected False (numpy.ascontiguousarray)");
     const std::vector<int64_t>& shape = *dict.shape;
     if (shape.size() != 2 && shape.size() != 3)
         bad(file, "NPY shape", "got " + std::to_string(shape.size()) + " dimensions, expected (H, W) or (H, W, C)");
@@ -378,10 +395,14 @@ Claim claim_npy(const fs::path& file, Cursor in) {
 
 size_t sample_bytes(Stored stored) {
     switch (stored) {
-        case Stored::uint8: return 1;
-        case Stored::uint16: return 2;
-        case Stored::float64: return 8;
-        default: return 4;
+        case Stored::uint8:
+            return 1;
+        case Stored::uint16:
+            return 2;
+        case Stored::float64:
+            return 8;
+        default:
+            return 4;
     }
 }
 
@@ -398,21 +419,21 @@ std::optional<Claim> read_claim(const fs::path& file, std::string_view head, uin
         if (head.size() < file_size) return std::nullopt;
         bad(file, "size", "got " + std::to_string(file_size) + " bytes, expected more: the header is cut short");
     }
-    bad(file, "format", head.empty() ? "got an empty file, expected EXR, PNG, JPEG, PFM or NPY"
-                                     : "got unknown first bytes, expected EXR, PNG, JPEG, PFM or NPY");
+    bad(file, "format",
+        head.empty() ? "got an empty file, expected EXR, PNG, JPEG, PFM or NPY"
+                     : "got unknown first bytes, expected EXR, PNG, JPEG, PFM or NPY");
 }
 
 void check_limits(const fs::path& file, int64_t width, int64_t height, int64_t channels) {
     const bool sides = width <= max_image_side && height <= max_image_side;
     const double bytes = 4.0 * double(width) * double(height) * double(channels);
     if (sides && bytes <= double(max_decoded_bytes)) return;
-    std::string estimate = std::to_string(width) + "x" + std::to_string(height) + " pixels of " +
-                           std::to_string(channels) + " channels";
+    std::string estimate =
+        std::to_string(width) + "x" + std::to_string(height) + " pixels of " + std::to_string(channels) + " channels";
     if (bytes < 9e15) estimate += " (" + std::to_string(int64_t(bytes)) + " bytes decoded)";
     fail_file(ExitCode::over_limit, file, "size",
               "got " + estimate + ", expected at most " + std::to_string(max_image_side) + "x" +
-                  std::to_string(max_image_side) + " pixels and " + std::to_string(max_decoded_bytes) +
-                  " bytes");
+                  std::to_string(max_image_side) + " pixels and " + std::to_string(max_decoded_bytes) + " bytes");
 }
 
 void check_whole(const fs::path& file, std::string_view bytes, const Claim& claim) {
@@ -430,10 +451,12 @@ void check_whole(const fs::path& file, std::string_view bytes, const Claim& clai
                 if (::crc32(0, reinterpret_cast<const unsigned char*>(chunk.data()), uInt(chunk.size())) != in.be32())
                     bad(file, "PNG checksum", "got another one than that of the chunk's bytes, expected the same");
             }
-            const uint64_t bits = uint64_t(static_cast<unsigned char>(bytes[24])) * (bytes[25] == 3 ? 1 : uint64_t(claim.channels));
+            const uint64_t bits =
+                uint64_t(static_cast<unsigned char>(bytes[24])) * (bytes[25] == 3 ? 1 : uint64_t(claim.channels));
             const uint64_t raw = uint64_t(claim.height) * (1 + uint64_t(claim.width) * bits / 8);
             if (raw > 1100 * packed)  // deflate packs 1032 to 1 at most
-                bad(file, "pixels", "got " + std::to_string(packed) + " packed bytes, expected those of " + std::to_string(raw));
+                bad(file, "pixels",
+                    "got " + std::to_string(packed) + " packed bytes, expected those of " + std::to_string(raw));
         } else if (claim.kind == Kind::jpeg) {
             in.take(2);
             for (uint32_t marker = 0; marker != 0xd9;) {
@@ -449,11 +472,10 @@ void check_whole(const fs::path& file, std::string_view bytes, const Claim& clai
             }
         } else if (claim.kind == Kind::pfm || claim.kind == Kind::npy) {
             const uint64_t expected =
-                claim.data_offset +
-                uint64_t(claim.width * claim.height * claim.channels) * sample_bytes(claim.stored);
+                claim.data_offset + uint64_t(claim.width * claim.height * claim.channels) * sample_bytes(claim.stored);
             if (bytes.size() != expected)
-                bad(file, "size", "got " + std::to_string(bytes.size()) + " bytes, expected " +
-                                      std::to_string(expected));
+                bad(file, "size",
+                    "got " + std::to_string(bytes.size()) + " bytes, expected " + std::to_string(expected));
         }
     } catch (const NeedMore&) {
         bad(file, "size", "got " + std::to_string(bytes.size()) + " bytes, expected more: the file is cut short");

@@ -36,12 +36,10 @@ struct Claim {
 
 /// Reads the header from the first bytes of a file of `file_size` bytes. Empty when the header goes
 /// on past `head`: call again with more. Throws Error bad_input for an unknown or broken file.
-std::optional<Claim> read_claim(const std::filesystem::path& file, std::string_view head,
-                                uint64_t file_size);
+std::optional<Claim> read_claim(const std::filesystem::path& file, std::string_view head, uint64_t file_size);
 
 /// Throws Error over_limit when a size is more than image_file.h allows, with the estimate.
-void check_limits(const std::filesystem::path& file, int64_t width, int64_t height,
-                  int64_t channels);
+void check_limits(const std::filesystem::path& file, int64_t width, int64_t height, int64_t channels);
 
 /// The file goes on to its end mark (PNG, JPEG) or has exactly the bytes claimed (PFM, NPY).
 /// Throws Error bad_input.

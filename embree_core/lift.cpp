@@ -117,9 +117,7 @@ bool torn_between(float before, float a, float b, float after, double px_per_inv
 void find_tears(LiftedMesh& mesh, const LiftOptions& options) {
     const Grid<float>& w = mesh.inverse_depth;
     const float nan = std::numeric_limits<float>::quiet_NaN();
-    const auto value = [&](int x, int y) {
-        return x < 0 || y < 0 || x >= w.width || y >= w.height ? nan : w.at(x, y);
-    };
+    const auto value = [&](int x, int y) { return x < 0 || y < 0 || x >= w.width || y >= w.height ? nan : w.at(x, y); };
     mesh.tears = Grid<uint8_t>(w.width, w.height, 0);
     const double fx_b = mesh.intrinsics.fx * options.baseline_m, fy_b = mesh.intrinsics.fy * options.baseline_m;
     tbb::parallel_for(0, w.height, [&](int y) {
@@ -142,7 +140,9 @@ void find_tears(LiftedMesh& mesh, const LiftOptions& options) {
 class Builder {
 public:
     explicit Builder(LiftedMesh& mesh)
-        : mesh_(mesh), field_{mesh.inverse_depth, mesh.tears}, k_(mesh.intrinsics),
+        : mesh_(mesh),
+          field_{mesh.inverse_depth, mesh.tears},
+          k_(mesh.intrinsics),
           half_edges_(size_t(4) * mesh.inverse_depth.size(), none) {}
 
     void run() {
@@ -238,12 +238,16 @@ private:
     /// The wall on the line from the middle of the edge between two corners to the cell's centre, from
     /// one side's 1/z to the other's. It stands in the plane of the recorded rays.
     void emit_wall(int x, int y, const SplitCell& cell, int a, int b) {
-        const double mx = x + 0.5 + 0.5 * (corner_dx[a] + corner_dx[b]), my = y + 0.5 + 0.5 * (corner_dy[a] + corner_dy[b]);
+        const double mx = x + 0.5 + 0.5 * (corner_dx[a] + corner_dx[b]),
+                     my = y + 0.5 + 0.5 * (corner_dy[a] + corner_dy[b]);
         const auto heights = [&](int c, bool to_next) -> std::array<float, 2> {
             switch (cell.state[c]) {
-                case Pixel::solid: return {to_next ? cell.towards_next[c] : cell.towards_last[c], cell.centre[cell.part[c]]};
-                case Pixel::sky: return {0, 0};
-                default: return {mesh_.wall_top, mesh_.wall_top};  // nothing is known along this pixel's ray
+                case Pixel::solid:
+                    return {to_next ? cell.towards_next[c] : cell.towards_last[c], cell.centre[cell.part[c]]};
+                case Pixel::sky:
+                    return {0, 0};
+                default:
+                    return {mesh_.wall_top, mesh_.wall_top};  // nothing is known along this pixel's ray
             }
         };
         const auto from = heights(a, true), to = heights(b, false);
@@ -261,10 +265,9 @@ private:
 
 LiftedMesh lift(const Intrinsics& intrinsics, const DepthMap& depth, const LiftOptions& options) {
     if (depth.width != intrinsics.width || depth.height != intrinsics.height || depth.width < 1 || depth.height < 1)
-        throw Error(ExitCode::bad_input, "depth: size: got " + std::to_string(depth.width) + "x" +
-                                             std::to_string(depth.height) + ", expected " +
-                                             std::to_string(intrinsics.width) + "x" +
-                                             std::to_string(intrinsics.height));
+        throw Error(ExitCode::bad_input,
+                    "depth: size: got " + std::to_string(depth.width) + "x" + std::to_string(depth.height) +
+                        ", expected " + std::to_string(intrinsics.width) + "x" + std::to_string(intrinsics.height));
     LiftedMesh mesh;
     mesh.intrinsics = intrinsics;
     mesh.inverse_depth = Grid<float>(depth.width, depth.height);
@@ -306,9 +309,12 @@ float surface_inverse_depth(const LiftedMesh& mesh, glm::dvec2 u_px) {
     const int px = cx + corner_dx[owner], py = cy + corner_dy[owner];
     switch (field.state(px, py)) {
         case Pixel::missing:
-        case Pixel::invalid: return nan;
-        case Pixel::sky: return 0;
-        case Pixel::solid: break;
+        case Pixel::invalid:
+            return nan;
+        case Pixel::sky:
+            return 0;
+        case Pixel::solid:
+            break;
     }
     const SplitCell cell = split_cell(field, cx, cy);
     if (cell.joined_next[0] && cell.joined_next[1] && cell.joined_next[2] && cell.joined_next[3]) {

@@ -41,14 +41,14 @@ using LiftedQuad = std::array<uint32_t, 4>;
 /// The mesh of one depth map, in the camera's own frame.
 struct LiftedMesh {
     Intrinsics intrinsics;
-    std::vector<LiftedVertex> vertices;  ///< the first width*height are the pixel centres, row-major
-    std::vector<LiftedQuad> kept;        ///< lie on one observed surface
+    std::vector<LiftedVertex> vertices;       ///< the first width*height are the pixel centres, row-major
+    std::vector<LiftedQuad> kept;             ///< lie on one observed surface
     std::vector<LiftedVertex> wall_vertices;  ///< (x/z, y/z, 1/z)
-    std::vector<LiftedQuad> torn;        ///< walls across a discontinuity, over wall_vertices
-    float wall_top = 0;                  ///< largest 1/z of a wall
-    Grid<float> inverse_depth;           ///< 1/z at pixel centres; 0 is sky; NaN no measurement
-    Grid<uint8_t> tears;                 ///< bit 0: torn from the right neighbour, bit 1: from the lower
-    uint64_t invalid_px = 0;             ///< NaN, 0, negative
+    std::vector<LiftedQuad> torn;             ///< walls across a discontinuity, over wall_vertices
+    float wall_top = 0;                       ///< largest 1/z of a wall
+    Grid<float> inverse_depth;                ///< 1/z at pixel centres; 0 is sky; NaN no measurement
+    Grid<uint8_t> tears;                      ///< bit 0: torn from the right neighbour, bit 1: from the lower
+    uint64_t invalid_px = 0;                  ///< NaN, 0, negative
     uint64_t sky_px = 0;
 };
 

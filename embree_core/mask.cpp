@@ -80,7 +80,8 @@ struct ViewedLine {
     /// surfaces and walls the answer is the same, so one point decides for each part.
     void free_parts(const Interval& range, std::vector<Interval>& out) const {
         std::vector<double> cuts{range.begin, range.end};
-        view->kept.crossings(glm::vec3(origin), glm::vec3(direction), range.begin, range.end, [&](double t) { cuts.push_back(t); });
+        view->kept.crossings(glm::vec3(origin), glm::vec3(direction), range.begin, range.end,
+                             [&](double t) { cuts.push_back(t); });
         view->torn.crossings(origin, direction, range.begin, range.end, cuts);
         std::sort(cuts.begin(), cuts.end());
         for (size_t i = 0; i + 1 < cuts.size(); ++i)
@@ -96,8 +97,8 @@ bool faces_away(const LiftedMesh& mesh, int x, int y, const glm::dvec3& c) {
     const glm::dvec3 p(vertex.x, vertex.y, vertex.z);
     const glm::dvec3 d = c - p;
     const double per_z2 = 1.0 / (p.z * p.z);
-    const glm::dvec2 px_rate = glm::dvec2(mesh.intrinsics.fx * (d.x * p.z - p.x * d.z),
-                                          mesh.intrinsics.fy * (d.y * p.z - p.y * d.z)) * per_z2;
+    const glm::dvec2 px_rate =
+        glm::dvec2(mesh.intrinsics.fx * (d.x * p.z - p.x * d.z), mesh.intrinsics.fy * (d.y * p.z - p.y * d.z)) * per_z2;
     const double rate = glm::length(px_rate);
     constexpr double step_px = 0.25;
     // A segment that stays within a hundredth of a pixel (V on this pixel's ray) leaves along the ray.
@@ -148,7 +149,8 @@ Finding ask_rig(const LiftedRig& rig, const ViewedLine& own, const Stretch& stre
     for (const Interval& gap : gaps) {
         std::vector<Interval> unlooked{gap};
         for (const auto& [line, range] : looking) {
-            const Interval reach{std::max({gap.begin - slack, range.begin, asked.begin}), std::min({gap.end + slack, range.end, asked.end})};
+            const Interval reach{std::max({gap.begin - slack, range.begin, asked.begin}),
+                                 std::min({gap.end + slack, range.end, asked.end})};
             if (line.meets_surface(reach)) {
                 finding.answer = Answer::occluded;
                 return finding;
@@ -211,7 +213,8 @@ RecordedMasks mask(const LiftedRig& rig, const ShiftedCamera& shifted, double cl
         const ViewedLine line(own, stretch.origin, stretch.direction);
         Finding finding = ask_own(line, stretch, whole);
         if (!sky && faces_away(own.mesh, x, y, centre_own)) finding.answer = Answer::occluded;
-        const bool uncertain = finding.answer == Answer::unknown || (finding.answer == Answer::visible && finding.unseen);
+        const bool uncertain =
+            finding.answer == Answer::unknown || (finding.answer == Answer::visible && finding.unseen);
         if (uncertain && rig.views.size() > 1) {
             Stretch in_world = stretch;
             in_world.origin = own.world_from_cam.point(stretch.origin);

@@ -20,8 +20,8 @@ constexpr size_t recipe_limit_bytes = size_t(64) << 20;
 constexpr int deepest_nesting = 16;
 constexpr double longest_shift_m = 1e6;
 
-const std::vector<std::string> request_keys = {"camera", "frame", "shift", "yaw_deg", "out", "from",
-                                               "view", "tolerance_px", "method", "clear_m"};
+const std::vector<std::string> request_keys = {"camera", "frame", "shift",        "yaw_deg", "out",
+                                               "from",   "view",  "tolerance_px", "method",  "clear_m"};
 const std::vector<std::string> known_outs = {"mask", "holes", "warp"};
 
 [[noreturn]] void refuse(const std::string& where, const std::string& got, const std::string& expected) {
@@ -42,10 +42,14 @@ std::string shown(const std::string& text) {
 }
 std::string shown(const json& value) {
     switch (value.type()) {
-        case json::value_t::object: return "an object";
-        case json::value_t::array: return "an array of " + std::to_string(value.size());
-        case json::value_t::string: return shown(value.get_ref<const std::string&>());
-        default: return value.dump();
+        case json::value_t::object:
+            return "an object";
+        case json::value_t::array:
+            return "an array of " + std::to_string(value.size());
+        case json::value_t::string:
+            return shown(value.get_ref<const std::string&>());
+        default:
+            return value.dump();
     }
 }
 
@@ -134,7 +138,8 @@ Pose read_pose(const Fields& fields) {
     const auto t = fields.numbers("translation", 3);
     const double norm = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
     if (std::fabs(norm - 1) > 1e-3)
-        refuse(fields.at("rotation"), "a quaternion of length " + std::to_string(norm), "a rotation: w,x,y,z of length 1");
+        refuse(fields.at("rotation"), "a quaternion of length " + std::to_string(norm),
+               "a rotation: w,x,y,z of length 1");
     const glm::dquat unit = glm::normalize(glm::dquat(q[0], q[1], q[2], q[3]));
     return {glm::mat3_cast(unit), {t[0], t[1], t[2]}};
 }
@@ -147,8 +152,10 @@ std::string checked_pattern(const std::string& pattern, const std::string& where
     if (path.is_absolute()) refuse(where, shown(pattern), "a path relative to the recipe");
     int level = 0;
     for (const fs::path& part : path) {
-        if (part == "..") --level;
-        else if (part != "." && !part.empty()) ++level;
+        if (part == "..")
+            --level;
+        else if (part != "." && !part.empty())
+            ++level;
         if (level < 0) refuse(where, shown(pattern), "a path that stays below the recipe's folder");
     }
     const size_t percent = pattern.find('%');
@@ -169,17 +176,20 @@ void check_name(const std::string& name, const std::string& where) {
 
 CameraSpec read_camera(const json& value, const std::string& file, size_t position) {
     std::string where = file + ": cameras[" + std::to_string(position) + "]";
-    if (value.is_object() && value.contains("name") && value["name"].is_string() && !value["name"].get_ref<const std::string&>().empty())
+    if (value.is_object() && value.contains("name") && value["name"].is_string() &&
+        !value["name"].get_ref<const std::string&>().empty())
         where = file + ": " + value["name"].get<std::string>().substr(0, 64);
-    const Fields fields(value, where, {"name", "width", "height", "intrinsic", "rotation", "translation", "image", "depth",
-                                       "depth_channel", "depth_scale_m"});
+    const Fields fields(value, where,
+                        {"name", "width", "height", "intrinsic", "rotation", "translation", "image", "depth",
+                         "depth_channel", "depth_scale_m"});
     CameraSpec camera;
     camera.name = fields.text("name");
     check_name(camera.name, fields.at("name"));
     for (const char* side : {"width", "height"}) {
         const json& v = fields.required(side, "a whole number");
         if (v.is_number_integer() && v.get<double>() > max_image_side)
-            throw Error(ExitCode::over_limit, fields.at(side) + ": got " + shown(v) + ", expected at most " + std::to_string(max_image_side));
+            throw Error(ExitCode::over_limit,
+                        fields.at(side) + ": got " + shown(v) + ", expected at most " + std::to_string(max_image_side));
     }
     Intrinsics& k = camera.intrinsics;
     k.width = fields.whole("width", 1, max_image_side);
@@ -195,9 +205,11 @@ CameraSpec read_camera(const json& value, const std::string& file, size_t positi
     const auto number = [](double v) { return json(v).dump(); };
     if (!(k.fx > 0)) refuse(fields.at("intrinsic[0][0]"), "fx = " + number(k.fx), "fx > 0");
     if (!(k.fy > 0)) refuse(fields.at("intrinsic[1][1]"), "fy = " + number(k.fy), "fy > 0");
-    if (m[0][1] != 0 || m[1][0] != 0) refuse(fields.at("intrinsic"), "skew " + number(m[0][1] != 0 ? m[0][1] : m[1][0]), "no skew");
+    if (m[0][1] != 0 || m[1][0] != 0)
+        refuse(fields.at("intrinsic"), "skew " + number(m[0][1] != 0 ? m[0][1] : m[1][0]), "no skew");
     if (m[2][0] != 0 || m[2][1] != 0 || m[2][2] != 1)
-        refuse(fields.at("intrinsic[2]"), "[" + number(m[2][0]) + "," + number(m[2][1]) + "," + number(m[2][2]) + "]", "[0,0,1]");
+        refuse(fields.at("intrinsic[2]"), "[" + number(m[2][0]) + "," + number(m[2][1]) + "," + number(m[2][2]) + "]",
+               "[0,0,1]");
     if (std::max(k.fx, k.fy) > 1e7 || std::fabs(k.cx) > 1e7 || std::fabs(k.cy) > 1e7 || std::min(k.fx, k.fy) < 1e-3)
         refuse(fields.at("intrinsic"), shown(matrix), "focal lengths from 0.001 to 1e7 pixels and a centre within 1e7");
     camera.ego_from_cam = read_pose(fields);
@@ -291,16 +303,18 @@ const CameraSpec& Recipe::camera(const std::string& name) const {
         if (c.name == name) return c;
         names.push_back(c.name);
     }
-    refuse(file.string() + ": camera", shown(name), "one of " + list_of(names) + " (did you mean " + nearest_word(name, names) + "?)");
+    refuse(file.string() + ": camera", shown(name),
+           "one of " + list_of(names) + " (did you mean " + nearest_word(name, names) + "?)");
 }
 
 const FrameSpec& Recipe::frame(int index) const {
     for (const FrameSpec& f : frames)
         if (f.index == index) return f;
     refuse(file.string() + ": frame", std::to_string(index),
-           frames.size() == 1 ? std::to_string(frames[0].index)
-                              : "one of the " + std::to_string(frames.size()) + " frames from " + std::to_string(frames.front().index) +
-                                    " to " + std::to_string(frames.back().index));
+           frames.size() == 1
+               ? std::to_string(frames[0].index)
+               : "one of the " + std::to_string(frames.size()) + " frames from " +
+                     std::to_string(frames.front().index) + " to " + std::to_string(frames.back().index));
 }
 
 fs::path Recipe::path(const std::string& pattern, int frame_index) const {
@@ -336,7 +350,8 @@ Recipe load_recipe(const fs::path& path) {
     Recipe recipe;
     recipe.file = path;
     const json& cameras = fields.required("cameras", "an array of cameras");
-    if (!cameras.is_array() || cameras.empty() || cameras.size() > 64) refuse(fields.at("cameras"), shown(cameras), "an array of 1 to 64 cameras");
+    if (!cameras.is_array() || cameras.empty() || cameras.size() > 64)
+        refuse(fields.at("cameras"), shown(cameras), "an array of 1 to 64 cameras");
     std::set<std::string> names;
     for (size_t i = 0; i < cameras.size(); ++i) {
         recipe.cameras.push_back(read_camera(cameras[i], file, i));
@@ -344,12 +359,14 @@ Recipe load_recipe(const fs::path& path) {
             refuse(file + ": " + recipe.cameras.back().name + ": name", "the name twice", "different names");
     }
     const json& frames = fields.required("frames", "an array of frames");
-    if (!frames.is_array() || frames.empty() || frames.size() > 1000000) refuse(fields.at("frames"), shown(frames), "an array of 1 to 1000000 frames");
+    if (!frames.is_array() || frames.empty() || frames.size() > 1000000)
+        refuse(fields.at("frames"), shown(frames), "an array of 1 to 1000000 frames");
     std::set<int> indices;
     for (size_t i = 0; i < frames.size(); ++i) {
         recipe.frames.push_back(read_frame(frames[i], file, i, recipe));
         if (!indices.insert(recipe.frames.back().index).second)
-            refuse(file + ": frames[" + std::to_string(i) + "]: index", std::to_string(recipe.frames.back().index) + " twice", "different indices");
+            refuse(file + ": frames[" + std::to_string(i) + "]: index",
+                   std::to_string(recipe.frames.back().index) + " twice", "different indices");
     }
     recipe.defaults.frame = recipe.frames.front().index;
     for (const std::string& key : request_keys)
@@ -381,8 +398,10 @@ void set_request_key(Request& request, const std::string& key, const std::string
     } else if (key == "shift") {
         std::vector<std::string> parts(1);
         for (char c : text)
-            if (c == ',') parts.emplace_back();
-            else parts.back() += c;
+            if (c == ',')
+                parts.emplace_back();
+            else
+                parts.back() += c;
         if (parts.size() != 3) refuse(at, shown(text), "three numbers x,y,z in metres");
         for (size_t i = 0; i < 3; ++i) {
             const double value = parse_number(parts[i], at);
@@ -404,7 +423,8 @@ void set_request_key(Request& request, const std::string& key, const std::string
     } else if (key == "clear_m") {
         request.clear_m = number_from(0, 1000, "metres from 0 to 1000");
     } else {
-        refuse(where + ": " + shown(key), "an unknown key", "one of " + list_of(request_keys) + " (did you mean " + nearest_word(key, request_keys) + "?)");
+        refuse(where + ": " + shown(key), "an unknown key",
+               "one of " + list_of(request_keys) + " (did you mean " + nearest_word(key, request_keys) + "?)");
     }
 }
 

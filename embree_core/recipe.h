@@ -73,12 +73,10 @@ Recipe load_recipe(const std::filesystem::path& file);
 
 /// The recipe's defaults with `key=value` pairs laid over them, strictly parsed and checked
 /// against the recipe (cameras, frames). `where` leads each message, e.g. the recipe's file name.
-Request resolve_request(const Recipe& recipe,
-                        const std::vector<std::pair<std::string, std::string>>& pairs);
+Request resolve_request(const Recipe& recipe, const std::vector<std::pair<std::string, std::string>>& pairs);
 
 /// The request with `text` set as its `key`: the one parser of request values.
-void set_request_key(Request& request, const std::string& key, const std::string& text,
-                     const std::string& where);
+void set_request_key(Request& request, const std::string& key, const std::string& text, const std::string& where);
 
 /// Cameras that a request asks for: the one it names, or all.
 std::vector<std::string> requested_cameras(const Recipe& recipe, const Request& request);

@@ -25,9 +25,9 @@ std::string size_text(int width, int height) {
 template <class A, class B>
 void require_same_size(const Grid<A>& got, const Grid<B>& expected, const char* field) {
     if (got.width != expected.width || got.height != expected.height || got.size() != expected.size())
-        throw Error(ExitCode::bad_input,
-                    std::string("score: ") + field + " size: got " + size_text(got.width, got.height) +
-                        ", expected " + size_text(expected.width, expected.height));
+        throw Error(ExitCode::bad_input, std::string("score: ") + field + " size: got " +
+                                             size_text(got.width, got.height) + ", expected " +
+                                             size_text(expected.width, expected.height));
 }
 
 /// Calls `work(row)` for every row, in any order and on any thread.
@@ -69,7 +69,8 @@ Grid<int> column_distance(const Mask& mask) {
     tbb::parallel_for(tbb::blocked_range<int>(0, mask.width, 64), [&](const tbb::blocked_range<int>& columns) {
         const auto relax = [&](int y, int from) {
             for (int x = columns.begin(); x != columns.end(); ++x) {
-                if (mask.at(x, y)) distance.at(x, y) = 0;
+                if (mask.at(x, y))
+                    distance.at(x, y) = 0;
                 else if (from >= 0 && from < mask.height)
                     distance.at(x, y) = std::min(distance.at(x, y), distance.at(x, from) + 1);
             }
@@ -121,7 +122,9 @@ RowSum added(const std::vector<RowSum>& rows) {
     return total;
 }
 
-bool inside(const Mask* region, int x, int y) { return !region || region->at(x, y) != 0; }
+bool inside(const Mask* region, int x, int y) {
+    return !region || region->at(x, y) != 0;
+}
 
 Grid<double> luma(const ColorImage& image) {
     Grid<double> y709(image.width, image.height);
@@ -251,8 +254,8 @@ double ssim(const ColorImage& got, const ColorImage& truth, const Mask* region) 
                 for (size_t k = 0; k < m.size(); ++k) m[k] += w * column[size_t(i)][k];
             }
             const double var_a = m[2] - m[0] * m[0], var_b = m[3] - m[1] * m[1], cov = m[4] - m[0] * m[1];
-            row.sum += (2 * (m[0] * m[1]) + c1) * (2 * cov + c2) /
-                       ((m[0] * m[0] + m[1] * m[1] + c1) * (var_a + var_b + c2));
+            row.sum +=
+                (2 * (m[0] * m[1]) + c1) * (2 * cov + c2) / ((m[0] * m[0] + m[1] * m[1] + c1) * (var_a + var_b + c2));
             ++row.count;
         }
     });

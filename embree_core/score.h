@@ -29,8 +29,7 @@ struct BoundaryScore {
     double precision = 0, recall = 0, f1 = 0;
     uint64_t got_px = 0, truth_px = 0;
 };
-BoundaryScore score_boundary(const Mask& got, const Mask& truth, double tolerance_px,
-                             const Mask* valid = nullptr);
+BoundaryScore score_boundary(const Mask& got, const Mask& truth, double tolerance_px, const Mask* valid = nullptr);
 
 /// Peak signal-to-noise ratio in dB over the region (null: everywhere), all three channels pooled,
 /// peak 1. Infinite when equal; NaN when the region is empty.

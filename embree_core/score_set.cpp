@@ -40,7 +40,9 @@ uint64_t count(const Mask& mask) {
     return n;
 }
 
-ordered_json finite_or_null(double value) { return std::isfinite(value) ? ordered_json(value) : ordered_json(nullptr); }
+ordered_json finite_or_null(double value) {
+    return std::isfinite(value) ? ordered_json(value) : ordered_json(nullptr);
+}
 
 void add_mask_scores(ordered_json& row, const Mask& got, const Mask& truth) {
     const MaskScore s = score_mask(got, truth);
@@ -58,8 +60,9 @@ void add_mask_scores(ordered_json& row, const Mask& got, const Mask& truth) {
 
 void check_sizes(const Channels& a, const fs::path& file_a, const Channels& b) {
     if (a.width != b.width || a.height != b.height)
-        throw Error(ExitCode::bad_input, file_a.string() + ": size: got " + std::to_string(a.width) + "x" + std::to_string(a.height) +
-                                             ", expected " + std::to_string(b.width) + "x" + std::to_string(b.height));
+        throw Error(ExitCode::bad_input, file_a.string() + ": size: got " + std::to_string(a.width) + "x" +
+                                             std::to_string(a.height) + ", expected " + std::to_string(b.width) + "x" +
+                                             std::to_string(b.height));
 }
 
 struct Item {
@@ -70,7 +73,11 @@ struct Item {
 
     ordered_json row() const {
         const glm::dvec3& t = shift.shift.translation_m;
-        return {{"method", method}, {"shift", shift.name}, {"shift_m", {t.x, t.y, t.z}}, {"frame", frame}, {"camera", camera}};
+        return {{"method", method},
+                {"shift", shift.name},
+                {"shift_m", {t.x, t.y, t.z}},
+                {"frame", frame},
+                {"camera", camera}};
     }
 };
 
@@ -88,14 +95,17 @@ Rows score_mask_item(const Item& item, const fs::path& got_file, const fs::path&
     for (const std::string klass : {"lost", "occluded", "outside"})
         for (const std::string against : {"scene", "shell"}) {
             if (klass == "outside" && against == "shell") continue;  // a matter of the frame alone
-            const Mask want = against == "scene" ? mask_of(truth, klass) : klass == "occluded" ? shell : combine(shell, outside, either);
+            const Mask want = against == "scene"    ? mask_of(truth, klass)
+                              : klass == "occluded" ? shell
+                                                    : combine(shell, outside, either);
             ordered_json row = item.row();
             row["class"] = klass;
             row["against"] = against;
             add_mask_scores(row, mask_of(got, klass), want);
             rows.masks.push_back(std::move(row));
         }
-    const Mask lost = mask_of(got, "lost"), occluded = mask_of(got, "occluded"), unknown = mask_of(got, "unknown"), unseen = mask_of(got, "unseen");
+    const Mask lost = mask_of(got, "lost"), occluded = mask_of(got, "occluded"), unknown = mask_of(got, "unknown"),
+               unseen = mask_of(got, "unseen");
     const Mask true_occluded = mask_of(truth, "occluded"), true_lost = mask_of(truth, "lost");
     const auto but_not = [](bool a, bool b) { return a && !b; };
     const auto neither = [](bool a, bool b) { return !a && !b; };
@@ -111,7 +121,8 @@ Rows score_mask_item(const Item& item, const fs::path& got_file, const fs::path&
     row["unknown"] = count(unknown);
     const std::string invalid = got.metadata.contains("vshift:invalid_px") ? got.metadata.at("vshift:invalid_px") : "0";
     if (invalid.empty() || invalid.size() > 12 || invalid.find_first_not_of("0123456789") != std::string::npos)
-        throw Error(ExitCode::bad_input, got_file.string() + ": vshift:invalid_px: got '" + invalid + "', expected a number of pixels");
+        throw Error(ExitCode::bad_input,
+                    got_file.string() + ": vshift:invalid_px: got '" + invalid + "', expected a number of pixels");
     row["invalid"] = std::stoll(invalid);
     rows.certificates.push_back(std::move(row));
     return rows;
@@ -135,7 +146,8 @@ Rows score_hole_item(const Item& item, const fs::path& got_file, const fs::path&
         rows.holes.push_back(std::move(row));
     };
     add("hole", where([&](int c) { return rig ? c >= VSHIFT_NOBODY_OCCLUDED : c != VSHIFT_SEEN_BY_OWN; }));
-    add("disoccluded", where([&](int c) { return c == VSHIFT_NOBODY_OCCLUDED || (!rig && c == VSHIFT_NEIGHBOUR_OCCLUDED); }));
+    add("disoccluded",
+        where([&](int c) { return c == VSHIFT_NOBODY_OCCLUDED || (!rig && c == VSHIFT_NEIGHBOUR_OCCLUDED); }));
     add("outside", where([&](int c) { return c == VSHIFT_NOBODY_OUTSIDE || (!rig && c == VSHIFT_NEIGHBOUR_OUTSIDE); }));
     return rows;
 }
@@ -176,7 +188,8 @@ std::vector<std::string> methods_of(const fs::path& folder) {
     std::error_code error;
     std::error_code kind;  // of a link that leads nowhere
     for (const auto& entry : fs::directory_iterator(folder, error))
-        if (entry.is_directory(kind) && (entry.path().filename() == "self" || entry.path().filename() == "rig")) out.push_back(entry.path().filename().string());
+        if (entry.is_directory(kind) && (entry.path().filename() == "self" || entry.path().filename() == "rig"))
+            out.push_back(entry.path().filename().string());
     std::sort(out.begin(), out.end(), std::greater<>());  // self before rig
     return out;
 }
@@ -202,11 +215,14 @@ nlohmann::ordered_json score_set(const Recipe& recipe, const Manifest& manifest,
             const fs::path run = folder / kind / method / "run.json";
             if (!fs::exists(run)) continue;
             const ordered_json runs = ordered_json::parse(read_whole_file(run, size_t(256) << 20), nullptr, false);
-            if (!runs.is_array()) throw Error(ExitCode::bad_input, run.string() + ": json: got something else, expected a list of runs");
+            if (!runs.is_array())
+                throw Error(ExitCode::bad_input, run.string() + ": json: got something else, expected a list of runs");
             for (const auto& row : runs) times.push_back(row);
         }
     if (items.empty())
-        throw Error(ExitCode::bad_input, folder.string() + ": masks, holes, warps: got none, expected results of vshift mask, holes or warp");
+        throw Error(
+            ExitCode::bad_input,
+            folder.string() + ": masks, holes, warps: got none, expected results of vshift mask, holes or warp");
 
     std::vector<Rows> rows(items.size());
     const size_t batch = std::max(1u, std::thread::hardware_concurrency()) * 2;  // bounds the memory
@@ -223,7 +239,9 @@ nlohmann::ordered_json score_set(const Recipe& recipe, const Manifest& manifest,
         });
     }
     progress(items.size(), items.size(), "");
-    ordered_json out = {{"vshift_scores", 1}, {"vshift", version_string}, {"set", recipe.file.filename().string()},
+    ordered_json out = {{"vshift_scores", 1},
+                        {"vshift", version_string},
+                        {"set", recipe.file.filename().string()},
                         {"cores", std::thread::hardware_concurrency()}};
     for (const char* part : {"masks", "certificates", "holes", "warps"}) out[part] = ordered_json::array();
     for (Rows& r : rows) {
@@ -237,13 +255,16 @@ nlohmann::ordered_json score_set(const Recipe& recipe, const Manifest& manifest,
 }
 
 std::string scores_csv(const ordered_json& scores) {
-    std::string text = "method,shift,frame,camera,class,against,true_positive,false_positive,false_negative,true_negative,iou,precision,recall,f1,boundary_f1_1px,boundary_f1_2px,boundary_f1_4px\n";
+    std::string text =
+        "method,shift,frame,camera,class,against,true_positive,false_positive,false_negative,true_negative,iou,"
+        "precision,recall,f1,boundary_f1_1px,boundary_f1_2px,boundary_f1_4px\n";
     for (const char* part : {"masks", "holes"})
         for (const ordered_json& row : scores[part]) {
             const auto cell = [](const ordered_json& v) { return v.is_string() ? v.get<std::string>() : v.dump(); };
             for (const char* key : {"method", "shift", "frame", "camera", "class"}) text += cell(row[key]) + ",";
             text += row.contains("against") ? cell(row["against"]) : "scene";
-            for (const char* key : {"true_positive", "false_positive", "false_negative", "true_negative", "iou", "precision", "recall", "f1"})
+            for (const char* key : {"true_positive", "false_positive", "false_negative", "true_negative", "iou",
+                                    "precision", "recall", "f1"})
                 text += "," + cell(row[key]);
             for (const char* tolerance : {"1", "2", "4"}) text += "," + cell(row["boundary_f1"][tolerance]);
             text += "\n";
@@ -254,9 +275,11 @@ std::string scores_csv(const ordered_json& scores) {
 ordered_json score_pair(const fs::path& got_file, const fs::path& truth_file) {
     const Channels got = read_image(got_file), truth = read_image(truth_file);
     check_sizes(got, got_file, truth);
-    ordered_json out = {{"got", got_file.string()}, {"truth", truth_file.string()}, {"channels", ordered_json::object()}};
+    ordered_json out = {
+        {"got", got_file.string()}, {"truth", truth_file.string()}, {"channels", ordered_json::object()}};
     for (const std::string channel : {"lost", "occluded", "outside", "unknown", "unseen", "hole", "disoccluded"})
-        if (got.has(channel) && truth.has(channel)) add_mask_scores(out["channels"][channel], mask_of(got, channel), mask_of(truth, channel));
+        if (got.has(channel) && truth.has(channel))
+            add_mask_scores(out["channels"][channel], mask_of(got, channel), mask_of(truth, channel));
     if (got.has("R") && got.has("G") && got.has("B") && truth.has("R") && truth.has("G") && truth.has("B")) {
         const ColorImage shown = srgb_from_linear(color_of(got)), wanted = srgb_from_linear(color_of(truth));
         const double psnr = psnr_db(shown, wanted);
@@ -265,7 +288,8 @@ ordered_json score_pair(const fs::path& got_file, const fs::path& truth_file) {
         out["ssim"] = finite_or_null(ssim(shown, wanted));
     }
     if (out["channels"].empty() && !out.contains("ssim"))
-        throw Error(ExitCode::bad_input, got_file.string() + ": channels: got none in common with " + truth_file.string() + ", expected mask channels or R, G, B");
+        throw Error(ExitCode::bad_input, got_file.string() + ": channels: got none in common with " +
+                                             truth_file.string() + ", expected mask channels or R, G, B");
     return out;
 }
 

@@ -59,8 +59,8 @@ struct TracedScene::Impl {
         const bool quads = type == RTC_GEOMETRY_TYPE_QUAD;
         const size_t stride = (quads ? 4 : 3) * sizeof(uint32_t);
         RTCGeometry geometry = rtcNewGeometry(device(), type);
-        rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
-                                   vertices.data(), 0, sizeof(LiftedVertex), vertices.size());
+        rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, vertices.data(), 0,
+                                   sizeof(LiftedVertex), vertices.size());
         void* own = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0,
                                             quads ? RTC_FORMAT_UINT4 : RTC_FORMAT_UINT3, stride, count);
         check("index buffer");
@@ -89,11 +89,9 @@ TracedScene::TracedScene(const std::vector<LiftedVertex>& vertices, const std::v
     impl_ = std::make_unique<Impl>(vertices, RTC_GEOMETRY_TYPE_QUAD, quads.data(), quads.size());
 }
 
-TracedScene::TracedScene(std::vector<LiftedVertex> vertices,
-                         const std::vector<std::array<uint32_t, 3>>& triangles) {
+TracedScene::TracedScene(std::vector<LiftedVertex> vertices, const std::vector<std::array<uint32_t, 3>>& triangles) {
     if (triangles.empty()) return;
-    impl_ = std::make_unique<Impl>(std::move(vertices), RTC_GEOMETRY_TYPE_TRIANGLE, triangles.data(),
-                                   triangles.size());
+    impl_ = std::make_unique<Impl>(std::move(vertices), RTC_GEOMETRY_TYPE_TRIANGLE, triangles.data(), triangles.size());
 }
 
 TracedScene::TracedScene() = default;
@@ -101,8 +99,7 @@ TracedScene::~TracedScene() = default;
 TracedScene::TracedScene(TracedScene&&) noexcept = default;
 TracedScene& TracedScene::operator=(TracedScene&&) noexcept = default;
 
-bool TracedScene::occluded(const glm::vec3& origin, const glm::vec3& direction, float t_min,
-                           float t_max) const {
+bool TracedScene::occluded(const glm::vec3& origin, const glm::vec3& direction, float t_min, float t_max) const {
     if (!impl_ || !(t_min < t_max)) return false;
     RTCRay ray = make_ray(origin, direction, t_min, t_max);
 #if RTC_VERSION_MAJOR >= 4
@@ -115,8 +112,7 @@ bool TracedScene::occluded(const glm::vec3& origin, const glm::vec3& direction, 
     return ray.tfar < 0;
 }
 
-Hit TracedScene::intersect(const glm::vec3& origin, const glm::vec3& direction, float t_min,
-                           float t_max) const {
+Hit TracedScene::intersect(const glm::vec3& origin, const glm::vec3& direction, float t_min, float t_max) const {
     if (!impl_ || !(t_min < t_max)) return {};
     RTCRayHit rayhit;
     rayhit.ray = make_ray(origin, direction, t_min, t_max);
@@ -136,8 +132,8 @@ Hit TracedScene::intersect(const glm::vec3& origin, const glm::vec3& direction, 
 
 std::string tracer_version() {
     const auto part = [](RTCDeviceProperty p) { return std::to_string(rtcGetDeviceProperty(device(), p)); };
-    return "Embree " + part(RTC_DEVICE_PROPERTY_VERSION_MAJOR) + "." +
-           part(RTC_DEVICE_PROPERTY_VERSION_MINOR) + "." + part(RTC_DEVICE_PROPERTY_VERSION_PATCH);
+    return "Embree " + part(RTC_DEVICE_PROPERTY_VERSION_MAJOR) + "." + part(RTC_DEVICE_PROPERTY_VERSION_MINOR) + "." +
+           part(RTC_DEVICE_PROPERTY_VERSION_PATCH);
 }
 
 bool tracer_self_test() {

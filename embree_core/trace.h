@@ -38,7 +38,8 @@ public:
     Hit intersect(const glm::vec3& origin, const glm::vec3& direction, float t_min, float t_max) const;
     /// Calls `found(t)` for every hit on the way, nearest first (at most 256).
     template <class Found>
-    void crossings(const glm::vec3& origin, const glm::vec3& direction, double t_min, double t_max, Found&& found) const {
+    void crossings(const glm::vec3& origin, const glm::vec3& direction, double t_min, double t_max,
+                   Found&& found) const {
         for (int count = 0; count < 256; ++count) {
             const Hit hit = intersect(origin, direction, float(t_min), float(t_max));
             if (!hit) return;

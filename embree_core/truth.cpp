@@ -35,7 +35,9 @@ struct Eye {
     glm::dvec3 centre;
 
     Eye(const TrueScene& scene, const TrueCamera& camera)
-        : k(camera.intrinsics), rotation(camera.world_from_cam.rotation), cam_rotation(glm::transpose(rotation)),
+        : k(camera.intrinsics),
+          rotation(camera.world_from_cam.rotation),
+          cam_rotation(glm::transpose(rotation)),
           centre(camera.world_from_cam.translation_m - scene.origin_m) {}
 
     glm::dvec3 ray_through(int x, int y) const { return rotation * ray(k, {x + 0.5, y + 0.5}); }
@@ -70,7 +72,9 @@ glm::dvec3 lifted_off(const SurfacePoint& s) {
 }
 
 /// Whether the surface point is visible from an eye: in front, framed if asked, nothing between.
-bool faces(const SurfacePoint& s, const glm::dvec3& centre) { return glm::dot(s.normal, centre - s.position) > 0; }
+bool faces(const SurfacePoint& s, const glm::dvec3& centre) {
+    return glm::dot(s.normal, centre - s.position) > 0;
+}
 bool clear_between(const TrueScene& scene, const SurfacePoint& s, const glm::dvec3& centre) {
     const glm::dvec3 o = lifted_off(s);
     return !scene.traced.occluded(glm::vec3(o), glm::vec3(centre - o), 0, 1.0f - 1e-6f);
@@ -157,8 +161,7 @@ Grid<uint8_t> truth_recorded(const TrueScene& scene, const std::vector<TrueCamer
                              VSHIFT_TRUTH_SHELL_RIG;
                 } else if (!clear_between(scene, s, v.centre)) {
                     const glm::dvec3 o = lifted_off(s);
-                    flags |= VSHIFT_TRUTH_OCCLUDED |
-                             shell_flags(scene, recorded, own, o, v.centre - o, 1.0f - 1e-6f);
+                    flags |= VSHIFT_TRUTH_OCCLUDED | shell_flags(scene, recorded, own, o, v.centre - o, 1.0f - 1e-6f);
                 }
             }
             out.at(x, y) = flags;
@@ -195,9 +198,8 @@ ShiftedTruth truth_shifted(const TrueScene& scene, const std::vector<TrueCamera>
             double nearest = -2;
             for (size_t k = 0; k < recorded.size(); ++k) {
                 if (int(k) == own || !seen_by(recorded[k])) continue;
-                const double cosine =
-                    sky ? glm::dot(d, recorded[k].rotation * glm::dvec3(0, 0, 1))
-                        : glm::dot(d, glm::normalize(s.position - recorded[k].centre));
+                const double cosine = sky ? glm::dot(d, recorded[k].rotation * glm::dvec3(0, 0, 1))
+                                          : glm::dot(d, glm::normalize(s.position - recorded[k].centre));
                 if (cosine > nearest) {
                     nearest = cosine;
                     source = int(k);

@@ -20,9 +20,9 @@ struct TrueScene {
 };
 
 struct CameraHits {
-    DepthMap depth;              ///< planar z, +inf: nothing hit
-    Grid<int32_t> triangle;      ///< -1: nothing hit
-    Grid<glm::vec3> normal;      ///< unit, world frame, turned towards the camera
+    DepthMap depth;          ///< planar z, +inf: nothing hit
+    Grid<int32_t> triangle;  ///< -1: nothing hit
+    Grid<glm::vec3> normal;  ///< unit, world frame, turned towards the camera
 };
 CameraHits cast_camera(const TrueScene& scene, const TrueCamera& camera);
 
@@ -31,8 +31,8 @@ Grid<uint8_t> truth_recorded(const TrueScene& scene, const std::vector<TrueCamer
                              const TrueCamera& shifted);
 
 struct ShiftedTruth {
-    Grid<uint8_t> klass;   ///< VSHIFT_SEEN_BY_OWN ...
-    Grid<int8_t> source;   ///< index into the rig, -1 nobody
+    Grid<uint8_t> klass;  ///< VSHIFT_SEEN_BY_OWN ...
+    Grid<int8_t> source;  ///< index into the rig, -1 nobody
     DepthMap depth;
 };
 ShiftedTruth truth_shifted(const TrueScene& scene, const std::vector<TrueCamera>& rig, int own,

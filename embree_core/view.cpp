@@ -22,8 +22,8 @@ struct ProjectiveStretch {
 };
 
 /// Null where no part of the line lies beyond `nearest_z_m`.
-std::optional<ProjectiveStretch> carry_over(const glm::dvec3& origin, const glm::dvec3& direction, double begin, double end,
-                                            double nearest_z_m) {
+std::optional<ProjectiveStretch> carry_over(const glm::dvec3& origin, const glm::dvec3& direction, double begin,
+                                            double end, double nearest_z_m) {
     end = std::min(end, endless_t);
     const double at_nearest = (nearest_z_m - origin.z) / direction.z;
     if (direction.z > 0) begin = std::max(begin, at_nearest);
@@ -35,7 +35,8 @@ std::optional<ProjectiveStretch> carry_over(const glm::dvec3& origin, const glm:
 
 }  // namespace
 
-TracedWalls::TracedWalls(const LiftedMesh& mesh) : scene_(mesh.wall_vertices, mesh.torn), nearest_z_m_(1.0 / double(mesh.wall_top)) {}
+TracedWalls::TracedWalls(const LiftedMesh& mesh)
+    : scene_(mesh.wall_vertices, mesh.torn), nearest_z_m_(1.0 / double(mesh.wall_top)) {}
 
 bool TracedWalls::passed(const glm::dvec3& origin, const glm::dvec3& direction, double begin, double end) const {
     const auto stretch = carry_over(origin, direction, begin, end, nearest_z_m_);

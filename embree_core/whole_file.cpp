@@ -19,8 +19,7 @@
 namespace vshift {
 namespace fs = std::filesystem;
 
-void fail_file(ExitCode code, const fs::path& file, const std::string& field,
-               const std::string& text) {
+void fail_file(ExitCode code, const fs::path& file, const std::string& field, const std::string& text) {
     std::string message = file.string() + ": " + field + ": " + text;
     for (char& c : message)
         if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = '?';
@@ -29,7 +28,9 @@ void fail_file(ExitCode code, const fs::path& file, const std::string& field,
 
 namespace {
 
-std::string reason(int error) { return std::strerror(error); }
+std::string reason(int error) {
+    return std::strerror(error);
+}
 
 const char* kind_name(mode_t mode) {
     if (S_ISDIR(mode)) return "a folder";
@@ -76,18 +77,14 @@ struct Temporary {
 RegularFile::RegularFile(const fs::path& file) : file_(file) {
     struct stat status {};
     if (::stat(file.c_str(), &status) != 0)
-        fail_file(ExitCode::io_failed, file, "reading",
-                  "got " + reason(errno) + ", expected a readable file");
+        fail_file(ExitCode::io_failed, file, "reading", "got " + reason(errno) + ", expected a readable file");
     require_regular(status, file);
     // The file may have been exchanged since: do not block on opening, and look again.
     const int fd = ::open(file.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC | O_NOCTTY);
-    if (fd < 0)
-        fail_file(ExitCode::io_failed, file, "reading",
-                  "got " + reason(errno) + ", expected a readable file");
+    if (fd < 0) fail_file(ExitCode::io_failed, file, "reading", "got " + reason(errno) + ", expected a readable file");
     Descriptor guard(fd);
     if (::fstat(fd, &status) != 0)
-        fail_file(ExitCode::io_failed, file, "reading",
-                  "got " + reason(errno) + ", expected a readable file");
+        fail_file(ExitCode::io_failed, file, "reading", "got " + reason(errno) + ", expected a readable file");
     require_regular(status, file);
     size_ = uint64_t(status.st_size);
     fd_ = fd;
@@ -109,8 +106,7 @@ std::string RegularFile::read_first(size_t count) const {
         const ssize_t got = ::pread(fd_, bytes.data() + used, bytes.size() - used, off_t(used));
         if (got < 0 && errno == EINTR) continue;
         if (got < 0)
-            fail_file(ExitCode::io_failed, file_, "reading",
-                      "got " + reason(errno) + ", expected a readable file");
+            fail_file(ExitCode::io_failed, file_, "reading", "got " + reason(errno) + ", expected a readable file");
         if (got == 0) break;
         used += size_t(got);
     }
@@ -133,8 +129,7 @@ std::string read_whole_file(const fs::path& file, size_t limit_bytes) {
 
 void write_whole_file(const fs::path& file, const std::string& bytes) {
     const auto refuse = [&](int error) {
-        fail_file(ExitCode::io_failed, file, "writing",
-                  "got " + reason(error) + ", expected a whole file");
+        fail_file(ExitCode::io_failed, file, "writing", "got " + reason(error) + ", expected a whole file");
     };
     fs::path target = file;
     mode_t old_mode = 0;
@@ -157,8 +152,8 @@ void write_whole_file(const fs::path& file, const std::string& bytes) {
     Temporary temporary;
     int fd = -1;
     for (int attempt = 0; fd < 0; ++attempt) {
-        const fs::path name = folder / (".vshift-" + std::to_string(::getpid()) + "-" +
-                                        std::to_string(counter.fetch_add(1)) + ".tmp");
+        const fs::path name =
+            folder / (".vshift-" + std::to_string(::getpid()) + "-" + std::to_string(counter.fetch_add(1)) + ".tmp");
         fd = ::open(name.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC | O_NOFOLLOW, 0666);
         if (fd >= 0)
             temporary.path = name;
@@ -190,7 +185,9 @@ void remove_stale_temporaries(const fs::path& folder) {
     for (fs::recursive_directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
         const std::string name = entry->path().filename().string();
         int process = 0, count = 0, length = 0;
-        if (std::sscanf(name.c_str(), ".vshift-%d-%d.tmp%n", &process, &count, &length) != 2 || size_t(length) != name.size() || process <= 0) continue;
+        if (std::sscanf(name.c_str(), ".vshift-%d-%d.tmp%n", &process, &count, &length) != 2 ||
+            size_t(length) != name.size() || process <= 0)
+            continue;
         if (::kill(process, 0) != 0 && errno == ESRCH) ::unlink(entry->path().c_str());
     }
 }

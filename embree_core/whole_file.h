@@ -11,8 +11,8 @@
 namespace vshift {
 
 /// Throws Error with the message `file: field: text`, on one line whatever the parts hold.
-[[noreturn]] void fail_file(ExitCode code, const std::filesystem::path& file,
-                            const std::string& field, const std::string& text);
+[[noreturn]] void fail_file(ExitCode code, const std::filesystem::path& file, const std::string& field,
+                            const std::string& text);
 
 /// A regular file, open for reading. The constructor throws Error io_failed for anything else; it
 /// looks before it opens, so that no device is touched and no FIFO is waited for.

@@ -23,11 +23,12 @@ inline Shift moved(double ahead_m, double left_m, double up_m = 0, double yaw_ra
 
 inline LiftedView lift_exact(const std::string& name, const World& world, const View& view,
                              const glm::dvec3& shifted_centre_m) {
-    return lift_view(name, view.intrinsics, view.world_from_cam, render(world, view).depth,
-                     shifted_centre_m);
+    return lift_view(name, view.intrinsics, view.world_from_cam, render(world, view).depth, shifted_centre_m);
 }
 
-inline ShiftedCamera as_shifted(const View& view) { return {view.intrinsics, view.world_from_cam}; }
+inline ShiftedCamera as_shifted(const View& view) {
+    return {view.intrinsics, view.world_from_cam};
+}
 
 /// The recorded rig with exact depth, and V.
 struct Case {
@@ -41,8 +42,8 @@ inline Case lift_scene(const MinimalScene& s, const Shift& shift, bool whole_rig
     for (int i = 0; i < int(s.rig.size()); ++i) {
         if (!whole_rig && i != s.own) continue;
         if (i == s.own) c.rig.own = int(c.rig.views.size());
-        c.rig.views.push_back(lift_exact(s.rig[size_t(i)].name, s.world, s.recorded(i),
-                                         c.v.world_from_cam.translation_m));
+        c.rig.views.push_back(
+            lift_exact(s.rig[size_t(i)].name, s.world, s.recorded(i), c.v.world_from_cam.translation_m));
     }
     return c;
 }

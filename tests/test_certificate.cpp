@@ -59,8 +59,8 @@ std::string words(const std::string& name, const Shift& by, bool whole_rig, cons
     std::snprintf(line, sizeof line,
                   "%s ahead %g left %g %s: %zu of %zu certain answers wrong (%zu occluded, %zu visible), "
                   "%zu away from silhouettes, %zu px undecided by sampling",
-                  name.c_str(), by.translation_m.x, by.translation_m.y, whole_rig ? "rig" : "self", v.all(),
-                  v.certain, v.occluded, v.visible, v.unexcused, v.undecided);
+                  name.c_str(), by.translation_m.x, by.translation_m.y, whole_rig ? "rig" : "self", v.all(), v.certain,
+                  v.occluded, v.visible, v.unexcused, v.undecided);
     return line;
 }
 
@@ -100,7 +100,7 @@ TEST_CASE("certificate: random boxes", "[certificate]") {
     INFO(wrong << " of " << certain << ", " << undecided << " undecided by sampling");
     if (std::getenv("VSHIFT_TEST_PRINT"))
         std::printf("random boxes: %zu of %zu certain answers wrong, %zu undecided\n", wrong, certain, undecided);
-    CHECK(wrong * 125 <= certain);    // 0.8 % at 160x120
+    CHECK(wrong * 125 <= certain);  // 0.8 % at 160x120
     CHECK(wrong * 8 <= undecided);  // most of what one pixel could turn is right
 }
 
@@ -110,8 +110,7 @@ TEST_CASE("the certificate can fail: wrong geometry breaks it", "[certificate]")
     moved_box.world[1].world_from_local.translation_m.y += 0.1;  // 8 px
     const Case c = lift_scene(moved_box, s.shift);
     const Grid<uint8_t> truth = truth_recorded(s.world, s.views(), 0, c.v);
-    const Violations v = check_certificate(mask(c.rig, as_shifted(c.v), clear_m),
-                                           flagged(truth, VSHIFT_TRUTH_OCCLUDED),
+    const Violations v = check_certificate(mask(c.rig, as_shifted(c.v), clear_m), flagged(truth, VSHIFT_TRUTH_OCCLUDED),
                                            undecided_by_sampling(s.world, s.recorded(0), c.v, 1.0));
     CHECK(v.unexcused > 200);
 }
@@ -120,8 +119,8 @@ TEST_CASE("carving: the rig leaves less unknown and nothing unseen that it saw",
     for (const char* name : {"rig_box", "random"}) {
         const MinimalScene s = make_scene(name);
         const Certified self = certify(s, s.shift, false), rig = certify(s, s.shift, true);
-        INFO(name << ": unknown " << count(self.masks.unknown) << " -> " << count(rig.masks.unknown)
-                  << ", unseen " << count(self.masks.unseen) << " -> " << count(rig.masks.unseen));
+        INFO(name << ": unknown " << count(self.masks.unknown) << " -> " << count(rig.masks.unknown) << ", unseen "
+                  << count(self.masks.unseen) << " -> " << count(rig.masks.unseen));
         if (std::getenv("VSHIFT_TEST_PRINT"))
             std::printf("%s: unknown %zu -> %zu, unseen %zu -> %zu, occluded %zu -> %zu of %zu\n", name,
                         count(self.masks.unknown), count(rig.masks.unknown), count(self.masks.unseen),
@@ -142,11 +141,10 @@ TEST_CASE("occluded against shell truth", "[certificate]") {
             const MinimalScene s = make_scene(name);
             if (whole_rig && s.rig.size() == 1) continue;
             const Certified c = certify(s, s.shift, whole_rig);
-            const Mask shell =
-                flagged(c.truth, whole_rig ? VSHIFT_TRUTH_SHELL_RIG : VSHIFT_TRUTH_SHELL_SELF);
+            const Mask shell = flagged(c.truth, whole_rig ? VSHIFT_TRUTH_SHELL_RIG : VSHIFT_TRUTH_SHELL_SELF);
             const double shell_f1 = f1(c.masks.occluded, shell);
-            INFO(name << (whole_rig ? " rig" : " self") << ": " << count(c.masks.occluded) << " of "
-                      << count(shell) << " px, F1 " << shell_f1);
+            INFO(name << (whole_rig ? " rig" : " self") << ": " << count(c.masks.occluded) << " of " << count(shell)
+                      << " px, F1 " << shell_f1);
             if (std::getenv("VSHIFT_TEST_PRINT"))
                 std::printf("%s %s: %zu px against %zu of the shell, F1 %.4f, scene F1 %.4f\n", name.c_str(),
                             whole_rig ? "rig" : "self", count(c.masks.occluded), count(shell), shell_f1,
@@ -178,13 +176,15 @@ TEST_CASE("duality: lost or unknown in R are the holes of the warp V -> R", "[du
                 hole_not_lost += b;
                 away += (a || b) && !undecided.data[i];
             }
-            INFO(name << " left " << by.translation_m.y << ": " << count(h.hole) << " holes, "
-                      << lost_not_hole << " lost but no hole, " << hole_not_lost
-                      << " holes not lost, of both " << away << " away from silhouettes");
+            INFO(name << " left " << by.translation_m.y << ": " << count(h.hole) << " holes, " << lost_not_hole
+                      << " lost but no hole, " << hole_not_lost << " holes not lost, of both " << away
+                      << " away from silhouettes");
             if (std::getenv("VSHIFT_TEST_PRINT"))
-                std::printf("duality %s left %g: %zu holes, %zu lost, %zu unknown; lost no hole %zu, hole not lost %zu, away %zu\n",
-                            name.c_str(), by.translation_m.y, count(h.hole), count(m.lost), count(m.unknown),
-                            lost_not_hole, hole_not_lost, away);
+                std::printf(
+                    "duality %s left %g: %zu holes, %zu lost, %zu unknown; lost no hole %zu, hole not lost %zu, away "
+                    "%zu\n",
+                    name.c_str(), by.translation_m.y, count(h.hole), count(m.lost), count(m.unknown), lost_not_hole,
+                    hole_not_lost, away);
             CHECK((lost_not_hole + hole_not_lost) * 200 <= h.hole.size());
             if (name == "two_planes" || name == "box" || name == "grazing_road") {
                 CHECK(lost_not_hole + hole_not_lost + past_frame == 0);
@@ -222,9 +222,8 @@ TEST_CASE("seen pixels of V show what V would see", "[warp]") {
                 depth_off += std::isinf(z) ? !std::isinf(z2) : !(std::fabs(z2 - z) <= 0.02f * z);
             }
             const double psnr = -10 * std::log10(squares / double(seen) + 1e-12);
-            INFO(name << (whole_rig ? " rig: " : " self: ") << seen << " px seen, " << far_off
-                      << " off in colour, " << depth_off << " in depth, " << wrong_seen
-                      << " not truly seen; the rest " << psnr << " dB");
+            INFO(name << (whole_rig ? " rig: " : " self: ") << seen << " px seen, " << far_off << " off in colour, "
+                      << depth_off << " in depth, " << wrong_seen << " not truly seen; the rest " << psnr << " dB");
             if (std::getenv("VSHIFT_TEST_PRINT"))
                 std::printf("warp %s %s: %zu seen, %zu off in colour, %zu in depth, %zu not truly seen, %.1f dB\n",
                             name.c_str(), whole_rig ? "rig" : "self", seen, far_off, depth_off, wrong_seen, psnr);

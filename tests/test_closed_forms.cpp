@@ -80,8 +80,7 @@ TEST_CASE("every closed form of every scene, to the pixel", "[closed]") {
                 CHECK(differing(flagged(truth, VSHIFT_TRUTH_OCCLUDED), form.expected) == 0);
             if (form.channel == "occluded" && form.out == "mask")
                 CHECK(differing(flagged(truth, VSHIFT_TRUTH_SHELL_SELF), form.expected) == 0);
-            if (form.channel == "outside")
-                CHECK(differing(flagged(truth, VSHIFT_TRUTH_OUTSIDE), form.expected) == 0);
+            if (form.channel == "outside") CHECK(differing(flagged(truth, VSHIFT_TRUTH_OUTSIDE), form.expected) == 0);
         }
     }
 }
@@ -114,8 +113,8 @@ TEST_CASE("two planes: the hidden strip is f b (1/d0 - 1/d1) wide at any shift a
                 for (int side : {1, -1}) {
                     const double d0 = 4, d1 = 10, wide = strip + fraction;
                     const double b = side * wide / (320 * (1 / d0 - 1 / d1));
-                    const RectPx plane = side > 0 ? RectPx{-1e6, -1e6, 120 + phase, 1e6}
-                                                  : RectPx{200 + phase, -1e6, 1e6, 1e6};
+                    const RectPx plane =
+                        side > 0 ? RectPx{-1e6, -1e6, 120 + phase, 1e6} : RectPx{200 + phase, -1e6, 1e6, 1e6};
                     const MinimalScene s = cards_before_wall("planes", size, {plane}, d0, d1, b);
                     const RecordedMasks m = masks_of(s, s.shift);
                     const double got = double(count(m.occluded)) / size.height;
@@ -178,8 +177,8 @@ TEST_CASE("scale: twice the depth and twice the shift give the same mask", "[clo
             r2.world_from_cam.translation_m *= double(scale);
             v2.world_from_cam.translation_m *= double(scale);
             LiftedRig rig;
-            rig.views.push_back(lift_view("R", r2.intrinsics, r2.world_from_cam, scaled,
-                                          v2.world_from_cam.translation_m));
+            rig.views.push_back(
+                lift_view("R", r2.intrinsics, r2.world_from_cam, scaled, v2.world_from_cam.translation_m));
             return mask(rig, as_shifted(v2), clear_m * double(scale));
         };
         const RecordedMasks one = run(1), two = run(2), eighth = run(0.125f);
@@ -237,8 +236,7 @@ TEST_CASE("yaw about the camera's centre changes only what is outside", "[closed
         CHECK(differing(a.unknown, b.unknown) == 0);
         CHECK(differing(a.unseen, b.unseen) == 0);
         CHECK(differing(a.outside, b.outside) > 1000);
-        const Grid<uint8_t> truth =
-            truth_recorded(s.world, {s.recorded(s.own)}, 0, s.shifted(turned, s.own));
+        const Grid<uint8_t> truth = truth_recorded(s.world, {s.recorded(s.own)}, 0, s.shifted(turned, s.own));
         CHECK(differing(flagged(truth, VSHIFT_TRUTH_OUTSIDE), b.outside) == 0);
         // Turning on the spot hides nothing.
         const RecordedMasks spot = masks_of(s, moved(0, 0, 0, 0.2));
@@ -260,8 +258,8 @@ TEST_CASE("unseen: where the segment leaves the frustum far from V", "[closed]")
                 ++asked;
                 wrong += m.unseen.data[i] != exact.data[i];
             }
-            INFO(name << " ahead " << by.translation_m.x << " left " << by.translation_m.y << ", "
-                      << count(exact) << " unseen of " << asked);
+            INFO(name << " ahead " << by.translation_m.x << " left " << by.translation_m.y << ", " << count(exact)
+                      << " unseen of " << asked);
             CHECK(wrong == 0);
         }
 }
@@ -285,14 +283,12 @@ TEST_CASE("invalid depth is unknown, and so is what lies behind it", "[closed]")
     const DepthMap depth = render(s.world, r).depth;
     const RecordedMasks clean = mask(lift_scene(s, s.shift).rig, as_shifted(v), 0);
     const RectPx patch{60, 110, 70, 120};  // left of the box, on the wall
-    for (float bad : {std::numeric_limits<float>::quiet_NaN(), 0.0f, -3.0f,
-                      -std::numeric_limits<float>::infinity()}) {
+    for (float bad : {std::numeric_limits<float>::quiet_NaN(), 0.0f, -3.0f, -std::numeric_limits<float>::infinity()}) {
         DepthMap broken = depth;
         for (int y = 110; y < 120; ++y)
             for (int x = 60; x < 70; ++x) broken.at(x, y) = bad;
         LiftedRig rig;
-        rig.views.push_back(lift_view("R", r.intrinsics, r.world_from_cam, broken,
-                                      v.world_from_cam.translation_m));
+        rig.views.push_back(lift_view("R", r.intrinsics, r.world_from_cam, broken, v.world_from_cam.translation_m));
         CHECK(rig.views[0].mesh.invalid_px == 100);
         const RecordedMasks m = mask(rig, as_shifted(v), 0);  // no clear ball: every crossing counts
         INFO("bad value " << bad);
@@ -321,8 +317,7 @@ TEST_CASE("sky is handled by direction", "[closed]") {
     for (float& z : depth.data)
         if (z > 9) z = std::numeric_limits<float>::infinity();  // the box alone in the sky
     LiftedRig rig;
-    rig.views.push_back(
-        lift_view("R", r.intrinsics, r.world_from_cam, depth, v.world_from_cam.translation_m));
+    rig.views.push_back(lift_view("R", r.intrinsics, r.world_from_cam, depth, v.world_from_cam.translation_m));
     const RecordedMasks m = mask(rig, as_shifted(v), clear_m);
     // The box moves by f b / 4 = 80 px against the sky; the sky is never out of frame.
     CHECK(same(rectangles(m.occluded), {{200, 100, 240, 140}}));
@@ -332,8 +327,7 @@ TEST_CASE("sky is handled by direction", "[closed]") {
     CHECK(same(rectangles(h.hole), {{120, 100, 200, 140}}));
     DepthMap all_sky(320, 240, std::numeric_limits<float>::infinity());
     LiftedRig empty;
-    empty.views.push_back(
-        lift_view("R", r.intrinsics, r.world_from_cam, all_sky, v.world_from_cam.translation_m));
+    empty.views.push_back(lift_view("R", r.intrinsics, r.world_from_cam, all_sky, v.world_from_cam.translation_m));
     const RecordedMasks nothing_there = mask(empty, as_shifted(v), clear_m);
     CHECK(count(nothing_there.lost) + count(nothing_there.unknown) == 0);
 }
@@ -344,8 +338,8 @@ TEST_CASE("depths that are nothing or everything do not break a mask", "[closed]
     const float nan = std::numeric_limits<float>::quiet_NaN();
     for (float value : {nan, 0.0f, -1.0f, 1e-30f, 1e-6f, 1e6f, 3e38f}) {
         LiftedRig rig;
-        rig.views.push_back(lift_view("R", r.intrinsics, r.world_from_cam, DepthMap(64, 48, value),
-                                      v.world_from_cam.translation_m));
+        rig.views.push_back(
+            lift_view("R", r.intrinsics, r.world_from_cam, DepthMap(64, 48, value), v.world_from_cam.translation_m));
         const RecordedMasks m = mask(rig, as_shifted(v), clear_m);
         INFO("depth " << value);
         if (!(value > 0)) CHECK(count(m.unknown) == 64 * 48);

@@ -39,9 +39,7 @@ struct Folder {
         fs::remove_all(path, ignored);
     }
     fs::path operator/(const std::string& name) const { return path / name; }
-    size_t count() const {
-        return size_t(std::distance(fs::directory_iterator(path), fs::directory_iterator{}));
-    }
+    size_t count() const { return size_t(std::distance(fs::directory_iterator(path), fs::directory_iterator{})); }
 };
 
 struct Caught {
@@ -62,13 +60,13 @@ Caught caught(const std::function<void()>& work) {
     return result;
 }
 
-#define REFUSED(expression, expected_code, part)                \
-    do {                                                        \
-        const Caught c_ = caught([&] { (void)(expression); });  \
-        INFO(c_.text);                                          \
-        CHECK(c_.thrown);                                       \
-        CHECK(int(c_.code) == int(ExitCode::expected_code));    \
-        CHECK(c_.text.find(part) != std::string::npos);         \
+#define REFUSED(expression, expected_code, part)               \
+    do {                                                       \
+        const Caught c_ = caught([&] { (void)(expression); }); \
+        INFO(c_.text);                                         \
+        CHECK(c_.thrown);                                      \
+        CHECK(int(c_.code) == int(ExitCode::expected_code));   \
+        CHECK(c_.text.find(part) != std::string::npos);        \
     } while (false)
 
 Channels sample_image(int width, int height, const std::vector<std::string>& names) {
@@ -84,7 +82,9 @@ Channels sample_image(int width, int height, const std::vector<std::string>& nam
     return image;
 }
 
-std::string bytes_of(const fs::path& file) { return read_whole_file(file, size_t(1) << 30); }
+std::string bytes_of(const fs::path& file) {
+    return read_whole_file(file, size_t(1) << 30);
+}
 
 bool same_bits(const std::vector<float>& a, const std::vector<float>& b) {
     return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * 4) == 0;
@@ -150,8 +150,7 @@ TEST_CASE("EXR float keeps every bit, names and metadata", "[image_file]") {
     REQUIRE(back.width == 37);
     REQUIRE(back.height == 23);
     CHECK(back.names.size() == 6);
-    for (size_t c = 0; c < image.names.size(); ++c)
-        CHECK(same_bits(back.plane(image.names[c]), image.planes[c]));
+    for (size_t c = 0; c < image.names.size(); ++c) CHECK(same_bits(back.plane(image.names[c]), image.planes[c]));
     CHECK(back.metadata.at("vshift:camera") == "CAM_FRONT");
     CHECK(back.metadata.count("DateTime") == 0);
     CHECK(back.metadata.count("capDate") == 0);
@@ -227,8 +226,7 @@ TEST_CASE("colour from PNG is decoded from sRGB, 8 and 16 bits, grey spread", "[
             }
     }
     CHECK(linear_from_srgb(0.5) == Approx(0.21404114).epsilon(1e-7));  // IEC 61966-2-1
-    for (double v = 0; v <= 1; v += 1.0 / 1024)
-        CHECK(srgb_from_linear(linear_from_srgb(v)) == Approx(v).margin(3e-8));
+    for (double v = 0; v <= 1; v += 1.0 / 1024) CHECK(srgb_from_linear(linear_from_srgb(v)) == Approx(v).margin(3e-8));
     write_image(dir / "y.png", sample_image(3, 1, {"Y"}), {SampleType::uint8});
     const ColorImage grey = read_color(dir / "y.png", 3, 1);
     CHECK(grey.at(1, 0).r == grey.at(1, 0).b);
@@ -252,8 +250,9 @@ TEST_CASE("PFM: rows from the bottom, either byte order, strict header", "[image
     CHECK(depth() == expected);
     put("PF\n2 1\n-1\n" + raw({1.f, 2.f, 3.f, 4.f, 5.f, 6.f}));
     CHECK(read_image(dir / "a.pfm").plane("G") == std::vector<float>{2, 5});
-    for (const std::string bad : {"Pf\n2 2\n-0.5\n", "Pf\n2 2\n0\n", "Pf\n-2 2\n-1\n", "Pf\n2 x\n-1\n", "Pf\n2 2\nnan\n",
-                                  "Pf\n2\n-1\n", "Pf\n99999999999999999999 2\n-1\n", "Pfoo\n2 2\n-1\n", "Pf\n2 2\n- 1\n"}) {
+    for (const std::string bad :
+         {"Pf\n2 2\n-0.5\n", "Pf\n2 2\n0\n", "Pf\n-2 2\n-1\n", "Pf\n2 x\n-1\n", "Pf\n2 2\nnan\n", "Pf\n2\n-1\n",
+          "Pf\n99999999999999999999 2\n-1\n", "Pfoo\n2 2\n-1\n", "Pf\n2 2\n- 1\n"}) {
         INFO(bad);
         put(bad + little);
         REFUSED(depth(), bad_input, "a.pfm: ");
@@ -541,7 +540,8 @@ TEST_CASE("the locale does not matter", "[image_file]") {
     const std::string pfm = bytes_of(dir / "a.pfm"), exr = bytes_of(dir / "a.exr");
     const std::string before = std::setlocale(LC_ALL, nullptr);
     bool found = false;
-    for (const char* name : {"de_DE.UTF-8", "de_DE.utf8", "de_DE", "fr_FR.UTF-8"}) found = found || std::setlocale(LC_ALL, name);
+    for (const char* name : {"de_DE.UTF-8", "de_DE.utf8", "de_DE", "fr_FR.UTF-8"})
+        found = found || std::setlocale(LC_ALL, name);
     if (!found) WARN("no locale with a decimal comma is installed: tried in the plain one only");
     const DepthMap depth = read_depth(dir / "a.pfm", "Z", 0.5, 5, 4);
     write_image(dir / "a.pfm", image);

@@ -29,7 +29,9 @@ ColorImage textured(int width, int height, uint32_t seed) {
     return image;
 }
 
-ColorImage constant(int width, int height, float value) { return {width, height, glm::vec3(value)}; }
+ColorImage constant(int width, int height, float value) {
+    return {width, height, glm::vec3(value)};
+}
 
 /// SSIM at one pixel by its definition: the whole window at once, no separation.
 double ssim_by_definition(const ColorImage& a, const ColorImage& b, int x, int y) {
@@ -41,8 +43,11 @@ double ssim_by_definition(const ColorImage& a, const ColorImage& b, int x, int y
                 if (x + i < 0 || y + j < 0 || x + i >= a.width || y + j >= a.height) continue;
                 const double w = std::exp(-(i * i + j * j) / (2 * 1.5 * 1.5));
                 const double p = luma(a.at(x + i, y + j)), q = luma(b.at(x + i, y + j));
-                if (pass == 0) sum += w, ma += w * p, mb += w * q;
-                else va += w / sum * (p - ma) * (p - ma), vb += w / sum * (q - mb) * (q - mb), cov += w / sum * (p - ma) * (q - mb);
+                if (pass == 0)
+                    sum += w, ma += w * p, mb += w * q;
+                else
+                    va += w / sum * (p - ma) * (p - ma), vb += w / sum * (q - mb) * (q - mb),
+                        cov += w / sum * (p - ma) * (q - mb);
             }
         if (pass == 0) ma /= sum, mb /= sum;
     }
@@ -108,7 +113,10 @@ TEST_CASE("boundary of a shifted square, counted by hand", "[score]") {
     //     (row 5) where row <= 5+t, near its bottom row where row >= 14-t: 2t rows;
     //   right side, column 18: 4 px from truth's right side at every inner row.
     const Mask truth = square(40, 30, 5, 5, 10), got = square(40, 30, 9, 5, 10);
-    struct Row { double tolerance; int matched; };
+    struct Row {
+        double tolerance;
+        int matched;
+    };
     for (const Row row : {Row{0, 12}, Row{1, 2 * 7 + 2}, Row{2, 2 * 8 + 4}, Row{4, 36}, Row{3.999, 2 * 9 + 6}}) {
         INFO(row.tolerance);
         const BoundaryScore s = score_boundary(got, truth, row.tolerance);
@@ -219,8 +227,13 @@ TEST_CASE("one thread and many give the same bytes", "[score]") {
     for (size_t i = 0; i < m.size(); ++i) m.data[i] = a.data[i].r > 0.8f, n.data[i] = b.data[i].r > 0.7f;
     const auto all = [&] {
         const BoundaryScore s = score_boundary(m, n, 1.5);
-        return std::vector<double>{psnr_db(a, b), ssim(a, b, &m), ssim(a, b), s.precision, s.recall,
-                                   score_mask(m, n).iou, double(srgb_from_linear(a).at(100, 100).g)};
+        return std::vector<double>{psnr_db(a, b),
+                                   ssim(a, b, &m),
+                                   ssim(a, b),
+                                   s.precision,
+                                   s.recall,
+                                   score_mask(m, n).iou,
+                                   double(srgb_from_linear(a).at(100, 100).g)};
     };
     std::vector<double> one;
     {

@@ -25,8 +25,8 @@ std::string unknown_word(const CLI::App& app) {
             for (const std::string& name : option->get_lnames()) known.push_back("--" + name);
     for (const std::string& word : extras)
         if (chosen.empty() || word.rfind("-", 0) == 0)
-            return "usage: got " + word + ", expected a known " + (chosen.empty() ? "verb" : "option") + " (did you mean " +
-                   nearest_word(word.substr(0, word.find('=')), known) + "?)";
+            return "usage: got " + word + ", expected a known " + (chosen.empty() ? "verb" : "option") +
+                   " (did you mean " + nearest_word(word.substr(0, word.find('=')), known) + "?)";
     return "";
 }
 
@@ -45,7 +45,8 @@ int main(int argc, char** argv) {
         cli::catch_interrupts();
         CLI::App app{"Exact occlusion masks, holes and warps for a shifted camera rig, and their scores."};
         app.name("vshift");
-        app.set_version_flag("--version", [] { return std::string("vshift ") + version_string + ", " + tracer_version(); });
+        app.set_version_flag("--version",
+                             [] { return std::string("vshift ") + version_string + ", " + tracer_version(); });
         app.require_subcommand(1);
         cli::add_answer_verbs(app);
         cli::add_score_verb(app);
@@ -56,8 +57,10 @@ int main(int argc, char** argv) {
         } catch (const CLI::Success& e) {
             return app.exit(e);  // --help, --version
         } catch (const CLI::ParseError& e) {
-            if (const std::string unknown = cli::unknown_word(app); !unknown.empty()) return fail(ExitCode::bad_input, unknown);
-            return fail(ExitCode::bad_input, std::string("usage: ") + e.what() + " (vshift --help lists what there is)");
+            if (const std::string unknown = cli::unknown_word(app); !unknown.empty())
+                return fail(ExitCode::bad_input, unknown);
+            return fail(ExitCode::bad_input,
+                        std::string("usage: ") + e.what() + " (vshift --help lists what there is)");
         }
         return int(ExitCode::done);
     } catch (const Error& e) {
@@ -65,6 +68,7 @@ int main(int argc, char** argv) {
     } catch (const std::bad_alloc&) {
         return fail(ExitCode::over_limit, "memory: got none, expected enough for the request");
     } catch (const std::exception& e) {
-        return fail(ExitCode::our_bug, std::string("internal: got ") + e.what() + ", expected no exception (please report this)");
+        return fail(ExitCode::our_bug,
+                    std::string("internal: got ") + e.what() + ", expected no exception (please report this)");
     }
 }

@@ -13,7 +13,9 @@ namespace {
 
 volatile std::sig_atomic_t interrupted = 0;
 
-extern "C" void on_signal(int) { interrupted = 1; }
+extern "C" void on_signal(int) {
+    interrupted = 1;
+}
 
 std::string clock_text(double seconds) {
     char text[32];
@@ -33,8 +35,8 @@ void Progress::show(size_t done, size_t total, const std::string& what) {
     last_ = now;
     const double elapsed = std::chrono::duration<double>(now - start_).count();
     const std::string left = done ? clock_text(elapsed / double(done) * double(total - done)) : "?";
-    std::fprintf(stderr, "%s%s  %zu/%zu  %s left  %s%s", terminal_ ? "\r\033[K" : "", verb_.c_str(), done, total, left.c_str(),
-                 what.c_str(), terminal_ ? "" : "\n");
+    std::fprintf(stderr, "%s%s  %zu/%zu  %s left  %s%s", terminal_ ? "\r\033[K" : "", verb_.c_str(), done, total,
+                 left.c_str(), what.c_str(), terminal_ ? "" : "\n");
     std::fflush(stderr);
     open_ = terminal_;
 }
@@ -53,7 +55,8 @@ void catch_interrupts() {
 }
 
 void stop_if_interrupted() {
-    if (interrupted) throw Error(ExitCode::interrupted, "interrupted: got a signal, expected to finish; what was written is whole");
+    if (interrupted)
+        throw Error(ExitCode::interrupted, "interrupted: got a signal, expected to finish; what was written is whole");
 }
 
 }  // namespace vshift::cli

@@ -23,11 +23,22 @@ struct Options {
 };
 
 ordered_json row_of(const Request& request, const std::string& shift, const Answer& a) {
-    ordered_json row = {{"method", request.from == Source::rig ? "rig" : "self"}, {"out", request.out}, {"shift", shift},
-                        {"frame", request.frame}, {"camera", request.camera}, {"width", a.image.width}, {"height", a.image.height},
-                        {"read_ms", a.times.read_ms}, {"lift_ms", a.times.lift_ms}, {"build_ms", 0.0}, {"cast_ms", a.times.cast_ms},
-                        {"invalid_px", a.invalid_px}, {"sky_px", a.sky_px}, {"kept_quads", a.kept_quads},
-                        {"torn_quads", a.torn_quads}, {"centre_hidden", a.centre_hidden}};
+    ordered_json row = {{"method", request.from == Source::rig ? "rig" : "self"},
+                        {"out", request.out},
+                        {"shift", shift},
+                        {"frame", request.frame},
+                        {"camera", request.camera},
+                        {"width", a.image.width},
+                        {"height", a.image.height},
+                        {"read_ms", a.times.read_ms},
+                        {"lift_ms", a.times.lift_ms},
+                        {"build_ms", 0.0},
+                        {"cast_ms", a.times.cast_ms},
+                        {"invalid_px", a.invalid_px},
+                        {"sky_px", a.sky_px},
+                        {"kept_quads", a.kept_quads},
+                        {"torn_quads", a.torn_quads},
+                        {"centre_hidden", a.centre_hidden}};
     for (size_t c = 0; c < a.image.names.size(); ++c) {
         const std::string& name = a.image.names[c];
         if (name == "R" || name == "G" || name == "B" || name == "Z") continue;
@@ -63,7 +74,9 @@ void write_text(const std::string& file, const std::string& text) {
 void make_folders(const fs::path& folder) {
     std::error_code error;
     fs::create_directories(folder, error);
-    if (error) throw Error(ExitCode::io_failed, folder.string() + ": folder: got " + error.message() + ", expected to make it");
+    if (error)
+        throw Error(ExitCode::io_failed,
+                    folder.string() + ": folder: got " + error.message() + ", expected to make it");
 }
 
 /// Text files come last: a folder that is not there is found out before the work.
@@ -71,7 +84,8 @@ void require_folder(const std::string& file) {
     std::error_code error;
     const fs::path folder = fs::path(file).parent_path();
     if (file != "-" && !folder.empty() && !fs::is_directory(folder, error))
-        throw Error(ExitCode::io_failed, file + ": writing: got " + (error ? error.message() : "no folder") + ", expected a folder for it");
+        throw Error(ExitCode::io_failed,
+                    file + ": writing: got " + (error ? error.message() : "no folder") + ", expected a folder for it");
 }
 
 /// 16 bits for PNG, which holds no floats; masks are 0 and 65535 there.
@@ -87,7 +101,8 @@ Channels chosen(const Channels& image, const std::vector<std::string>& names) {
     out.height = image.height;
     out.metadata = image.metadata;
     for (const std::string& name : names) {
-        if (out.has(name)) throw Error(ExitCode::bad_input, "usage: --channels: got " + name + " twice, expected it once");
+        if (out.has(name))
+            throw Error(ExitCode::bad_input, "usage: --channels: got " + name + " twice, expected it once");
         out.add(name, image.plane(name));
     }
     return out;
@@ -100,20 +115,27 @@ void run(const std::string& verb, const Options& options) {
     const Request base = resolve_request(recipe, pairs);
     const bool many = !options.out_dir.empty();
     if (many == !options.output.empty())
-        throw Error(ExitCode::bad_input, "usage: got " + std::string(many ? "both" : "neither") + " of -o and --out-dir, expected one of them");
+        throw Error(ExitCode::bad_input, "usage: got " + std::string(many ? "both" : "neither") +
+                                             " of -o and --out-dir, expected one of them");
     const auto cameras = requested_cameras(recipe, base);
     if (!many && (cameras.size() > 1 || options.all_frames || options.all_shifts))
-        throw Error(ExitCode::bad_input, "usage: got " + std::to_string(cameras.size()) + " cameras, all frames or all shifts, expected --out-dir DIR for more than one view (or --camera NAME)");
+        throw Error(
+            ExitCode::bad_input,
+            "usage: got " + std::to_string(cameras.size()) +
+                " cameras, all frames or all shifts, expected --out-dir DIR for more than one view (or --camera NAME)");
 
     require_folder(options.json);
     require_folder(options.csv);
 
     std::unique_ptr<Manifest> manifest;
     const fs::path set_dir = recipe.file.parent_path().empty() ? fs::path(".") : recipe.file.parent_path();
-    if (fs::symlink_status(set_dir / "manifest.json").type() != fs::file_type::not_found) manifest = std::make_unique<Manifest>(set_dir);
+    if (fs::symlink_status(set_dir / "manifest.json").type() != fs::file_type::not_found)
+        manifest = std::make_unique<Manifest>(set_dir);
     std::vector<NamedShift> shifts{{shift_name(base.shift), base.shift}};
     if (options.all_shifts) {
-        if (!manifest) throw Error(ExitCode::io_failed, (set_dir / "manifest.json").string() + ": file: got none, expected the set's list of shifts");
+        if (!manifest)
+            throw Error(ExitCode::io_failed,
+                        (set_dir / "manifest.json").string() + ": file: got none, expected the set's list of shifts");
         shifts = manifest->shifts();
     }
     std::vector<int> frames{base.frame};
@@ -126,14 +148,16 @@ void run(const std::string& verb, const Options& options) {
     fs::path item_folder;
     if (many && manifest) {
         std::error_code error;
-        const fs::path relative = fs::relative(fs::absolute(options.out_dir), fs::absolute(set_dir), error);  // absolute: a folder yet to be made has no canonical form
+        const fs::path relative = fs::relative(fs::absolute(options.out_dir), fs::absolute(set_dir),
+                                               error);  // absolute: a folder yet to be made has no canonical form
         if (!error && !relative.empty() && *relative.begin() != ".." && relative != ".") item_folder = relative;
     }
     ordered_json rows = ordered_json::array();
     const fs::path run_file = fs::path(options.out_dir) / "run.json";
     ordered_json earlier = ordered_json::array();
     std::error_code run_error;
-    if (!item_folder.empty() && fs::exists(run_file, run_error)) earlier = ordered_json::parse(read_whole_file(run_file, size_t(256) << 20), nullptr, false);
+    if (!item_folder.empty() && fs::exists(run_file, run_error))
+        earlier = ordered_json::parse(read_whole_file(run_file, size_t(256) << 20), nullptr, false);
     if (!earlier.is_array()) earlier = ordered_json::array();
 
     if (!item_folder.empty()) remove_stale_temporaries(set_dir);
@@ -160,14 +184,19 @@ void run(const std::string& verb, const Options& options) {
                 }
                 if (!item_folder.empty() && manifest->is_done((item_folder / item).string())) {
                     for (const auto& row : earlier)
-                        if (row.is_object() && row.value("camera", ordered_json()) == camera && row.value("frame", ordered_json()) == frame && row.value("shift", ordered_json()) == shift.name) rows.push_back(row);
+                        if (row.is_object() && row.value("camera", ordered_json()) == camera &&
+                            row.value("frame", ordered_json()) == frame &&
+                            row.value("shift", ordered_json()) == shift.name)
+                            rows.push_back(row);
                     continue;
                 }
                 const Answer a = answer(recipe, request, files);
                 if (a.centre_hidden && !warned) {
                     warned = true;
                     progress.finish();
-                    std::fprintf(stderr, "vshift: warning: %s: %s: shift: the shifted camera stands behind what %s saw, in hidden space or in something\n",
+                    std::fprintf(stderr,
+                                 "vshift: warning: %s: %s: shift: the shifted camera stands behind what %s saw, in "
+                                 "hidden space or in something\n",
                                  options.recipe.c_str(), camera.c_str(), camera.c_str());
                 }
                 const fs::path file = many ? fs::path(options.out_dir) / item : fs::path(options.output);
@@ -175,7 +204,8 @@ void run(const std::string& verb, const Options& options) {
                 write_image(file, chosen(a.image, options.channels), types_of(file));
                 rows.push_back(row_of(request, shift.name, a));
                 if (!item_folder.empty())
-                    manifest->record_done((item_folder / item).string(), verb, (a.times.read_ms + a.times.lift_ms + a.times.cast_ms) / 1000);
+                    manifest->record_done((item_folder / item).string(), verb,
+                                          (a.times.read_ms + a.times.lift_ms + a.times.cast_ms) / 1000);
             }
     progress.finish();
     if (!item_folder.empty()) {
@@ -198,7 +228,8 @@ void add_answer_verbs(CLI::App& app) {
         auto options = std::make_shared<Options>();
         sub->add_option("recipe", options->recipe, "the .vshift recipe")->required();
         const auto request_key = [&](const char* flags, const std::string& key, const char* help) {
-            sub->add_option_function<std::string>(flags, [options, key](const std::string& text) { options->request.emplace_back(key, text); }, help);
+            sub->add_option_function<std::string>(
+                flags, [options, key](const std::string& text) { options->request.emplace_back(key, text); }, help);
         };
         request_key("--camera", "camera", "one camera's name; * or none: all of them");
         request_key("--frame", "frame", "frame index");

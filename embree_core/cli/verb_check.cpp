@@ -15,7 +15,8 @@ namespace {
 namespace fs = std::filesystem;
 
 void run(const std::string& recipe_file) {
-    if (!tracer_self_test()) throw Error(ExitCode::our_bug, "embree: self test: got a miss on a known quad, expected a hit");
+    if (!tracer_self_test())
+        throw Error(ExitCode::our_bug, "embree: self test: got a miss on a known quad, expected a hit");
     const Recipe recipe = load_recipe(recipe_file);
     FrameFiles files(recipe);
     Progress progress("check");
@@ -36,8 +37,9 @@ void run(const std::string& recipe_file) {
             if (!camera.image.empty()) files.color(camera.name, frame.index);
         }
     progress.finish();
-    std::printf("%s: %zu cameras, %zu frames, %llu depth pixels: %llu sky, %llu without a measurement\n", recipe_file.c_str(),
-                recipe.cameras.size(), recipe.frames.size(), (unsigned long long)pixels, (unsigned long long)sky, (unsigned long long)invalid);
+    std::printf("%s: %zu cameras, %zu frames, %llu depth pixels: %llu sky, %llu without a measurement\n",
+                recipe_file.c_str(), recipe.cameras.size(), recipe.frames.size(), (unsigned long long)pixels,
+                (unsigned long long)sky, (unsigned long long)invalid);
 
     const fs::path folder = recipe.file.parent_path().empty() ? fs::path(".") : recipe.file.parent_path();
     if (fs::symlink_status(folder / "manifest.json").type() == fs::file_type::not_found) return;
@@ -46,16 +48,19 @@ void run(const std::string& recipe_file) {
         progress.show(position, count, name);
     });
     progress.finish();
-    std::printf("%s: %llu done, %llu planned, %llu refused, %zu faults\n", (folder / "manifest.json").c_str(), (unsigned long long)set.done,
-                (unsigned long long)set.planned, (unsigned long long)set.refused, set.faults.size());
-    for (size_t i = 1; i < set.faults.size() && i < 20; ++i) std::fprintf(stderr, "vshift: %s\n", set.faults[i].c_str());
+    std::printf("%s: %llu done, %llu planned, %llu refused, %zu faults\n", (folder / "manifest.json").c_str(),
+                (unsigned long long)set.done, (unsigned long long)set.planned, (unsigned long long)set.refused,
+                set.faults.size());
+    for (size_t i = 1; i < set.faults.size() && i < 20; ++i)
+        std::fprintf(stderr, "vshift: %s\n", set.faults[i].c_str());
     if (!set.faults.empty()) throw Error(ExitCode::bad_input, set.faults[0]);
 }
 
 }  // namespace
 
 void add_check_verb(CLI::App& app) {
-    CLI::App* sub = app.add_subcommand("check", "Validates a recipe and every file it names; a set's files by their sha256");
+    CLI::App* sub =
+        app.add_subcommand("check", "Validates a recipe and every file it names; a set's files by their sha256");
     auto recipe = std::make_shared<std::string>();
     sub->add_option("recipe", *recipe, "the .vshift recipe")->required();
     sub->callback([recipe] { run(*recipe); });

@@ -27,21 +27,24 @@ fs::path report_program() {
     const fs::path self = fs::read_symlink("/proc/self/exe", error);
     for (const fs::path& root : {self.parent_path() / ".." / "share" / "vshift", fs::path(VSHIFT_SOURCE_DIR)})
         if (fs::exists(root / within)) return root / within;
-    throw Error(ExitCode::io_failed, "report: program: got none beside " + self.string() + ", expected " + within.string());
+    throw Error(ExitCode::io_failed,
+                "report: program: got none beside " + self.string() + ", expected " + within.string());
 }
 
 void run(const Options& options) {
     const Recipe recipe = load_recipe(options.recipe);
     const fs::path folder = recipe.file.parent_path().empty() ? fs::path(".") : recipe.file.parent_path();
     const char* chosen = std::getenv("VSHIFT_PYTHON");
-    std::vector<std::string> words = {chosen && *chosen ? chosen : VSHIFT_PYTHON, report_program().string(), folder.string()};
+    std::vector<std::string> words = {chosen && *chosen ? chosen : VSHIFT_PYTHON, report_program().string(),
+                                      folder.string()};
     if (!options.output.empty()) words.insert(words.end(), {"-o", options.output});
     if (!options.strip.empty()) words.insert(words.end(), {"--strip", options.strip});
     std::vector<char*> argv;
     for (std::string& word : words) argv.push_back(word.data());
     argv.push_back(nullptr);
     execv(argv[0], argv.data());
-    throw Error(ExitCode::io_failed, "report: python: got " + std::string(std::strerror(errno)) + ", expected to start " + words[0]);
+    throw Error(ExitCode::io_failed,
+                "report: python: got " + std::string(std::strerror(errno)) + ", expected to start " + words[0]);
 }
 
 }  // namespace

@@ -25,7 +25,8 @@ void hold_threshold(const ordered_json& scores, double min_f1) {
     if (min_f1 < 0) return;
     const auto judge = [&](const std::string& what, double f1) {
         if (f1 < min_f1)
-            throw Error(ExitCode::below_threshold, what + ": f1: got " + ordered_json(f1).dump() + ", expected at least " + ordered_json(min_f1).dump());
+            throw Error(ExitCode::below_threshold, what + ": f1: got " + ordered_json(f1).dump() +
+                                                       ", expected at least " + ordered_json(min_f1).dump());
     };
     if (scores.contains("channels")) {
         for (const auto& [name, row] : scores["channels"].items()) judge(name, row["f1"]);
@@ -33,7 +34,9 @@ void hold_threshold(const ordered_json& scores, double min_f1) {
     }
     for (const auto& row : scores["masks"])
         if (row["class"] == "lost" && row["against"] == "shell")
-            judge(row["method"].get<std::string>() + " " + row["shift"].get<std::string>() + ": " + row["camera"].get<std::string>(), row["f1"]);
+            judge(row["method"].get<std::string>() + " " + row["shift"].get<std::string>() + ": " +
+                      row["camera"].get<std::string>(),
+                  row["f1"]);
 }
 
 void write_text(const std::string& file, const std::string& text) {
@@ -46,11 +49,15 @@ void write_text(const std::string& file, const std::string& text) {
 void run(const Options& options) {
     const bool pair = !options.got.empty() || !options.truth.empty();
     if (pair == !options.recipe.empty() || (pair && (options.got.empty() || options.truth.empty())))
-        throw Error(ExitCode::bad_input, "usage: got neither a set nor a pair of images, expected RECIPE, or --got IMAGE --truth IMAGE");
-    if (std::isnan(options.min_f1)) throw Error(ExitCode::bad_input, "usage: --min-f1: got nan, expected a number from 0 to 1");
+        throw Error(ExitCode::bad_input,
+                    "usage: got neither a set nor a pair of images, expected RECIPE, or --got IMAGE --truth IMAGE");
+    if (std::isnan(options.min_f1))
+        throw Error(ExitCode::bad_input, "usage: --min-f1: got nan, expected a number from 0 to 1");
     if (pair) {
         const ordered_json scores = score_pair(options.got, options.truth);
-        write_text(options.output.empty() ? "-" : options.output, scores.dump(1, ' ', false, ordered_json::error_handler_t::replace) + "\n");  // a file's name need not be UTF-8
+        write_text(options.output.empty() ? "-" : options.output,
+                   scores.dump(1, ' ', false, ordered_json::error_handler_t::replace) +
+                       "\n");  // a file's name need not be UTF-8
         hold_threshold(scores, options.min_f1);
         return;
     }
@@ -70,7 +77,9 @@ void run(const Options& options) {
         if (csv.empty()) csv = folder / "scores" / "scores.csv";
         std::error_code error;
         fs::create_directories(json.parent_path(), error);
-        if (error) throw Error(ExitCode::io_failed, json.parent_path().string() + ": folder: got " + error.message() + ", expected to make it");
+        if (error)
+            throw Error(ExitCode::io_failed,
+                        json.parent_path().string() + ": folder: got " + error.message() + ", expected to make it");
     }
     write_text(json.string(), scores.dump(1) + "\n");
     if (!csv.empty()) write_text(csv.string(), scores_csv(scores));
@@ -84,14 +93,17 @@ void run(const Options& options) {
 }  // namespace
 
 void add_score_verb(CLI::App& app) {
-    CLI::App* sub = app.add_subcommand("score", "Masks, holes and warps of a set against its truth, or one image against another");
+    CLI::App* sub =
+        app.add_subcommand("score", "Masks, holes and warps of a set against its truth, or one image against another");
     auto options = std::make_shared<Options>();
     sub->add_option("recipe", options->recipe, "set.vshift of a benchmark set");
     sub->add_option("--got", options->got, "one image to judge");
     sub->add_option("--truth", options->truth, "the image to judge it by");
-    sub->add_option("-o,--output", options->output, "JSON; default: scores/scores.json in the set, or standard output for a pair");
+    sub->add_option("-o,--output", options->output,
+                    "JSON; default: scores/scores.json in the set, or standard output for a pair");
     sub->add_option("--csv", options->csv, "CSV of the mask and hole rows");
-    sub->add_option("--min-f1", options->min_f1, "exit 2 when a pair's channel, or a set's lost mask against the shell, stays below this F1")
+    sub->add_option("--min-f1", options->min_f1,
+                    "exit 2 when a pair's channel, or a set's lost mask against the shell, stays below this F1")
         ->check(CLI::Range(0.0, 1.0));
     sub->callback([options] { run(*options); });
 }

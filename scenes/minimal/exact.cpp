@@ -23,15 +23,13 @@ dvec3 to_local(const Pose& world_from_local, const dvec3& p) {
 
 dvec3 ray_through(const View& view, double x_px, double y_px) {
     const Intrinsics& k = view.intrinsics;
-    return view.world_from_cam.rotation *
-           dvec3((x_px - k.cx) / k.fx, (y_px - k.cy) / k.fy, 1.0);
+    return view.world_from_cam.rotation * dvec3((x_px - k.cx) / k.fx, (y_px - k.cy) / k.fy, 1.0);
 }
 
 /// Whether a point (w = 1) or direction (w = 0) falls into the image.
 bool in_frame(const View& view, const dvec3& p, double w) {
     const Intrinsics& k = view.intrinsics;
-    const dvec3 c = glm::transpose(view.world_from_cam.rotation) *
-                    (p - w * view.world_from_cam.translation_m);
+    const dvec3 c = glm::transpose(view.world_from_cam.rotation) * (p - w * view.world_from_cam.translation_m);
     if (c.z <= 0) return false;
     const double u = k.fx * c.x / c.z + k.cx, v = k.fy * c.y / c.z + k.cy;
     return u >= 0 && u < k.width && v >= 0 && v < k.height;
@@ -59,9 +57,7 @@ struct Span {
             return;
         }
         const double root = std::sqrt(q), near = (-b - root) / a, far = (-b + root) / a;
-        const auto normal = [&](double t) {
-            return dvec3(o.x + t * d.x, o.y + t * d.y, 0.0) / radius;
-        };
+        const auto normal = [&](double t) { return dvec3(o.x + t * d.x, o.y + t * d.y, 0.0) / radius; };
         if (near > t0) t0 = near, n0 = normal(near);
         if (far < t1) t1 = far, n1 = normal(far);
     }
@@ -94,8 +90,7 @@ int meet(const Primitive& p, const dvec3& origin, const dvec3& direction, Surfac
 }
 
 /// Whether anything but primitive `self` stands on origin + t direction, 0 < t < t_max.
-bool blocked(const World& world, const dvec3& origin, const dvec3& direction, double t_max,
-             int self) {
+bool blocked(const World& world, const dvec3& origin, const dvec3& direction, double t_max, int self) {
     SurfaceHit hits[2];
     for (int i = 0; i < int(world.size()); ++i) {
         if (i == self) continue;
@@ -112,13 +107,11 @@ bool faces(const World& world, int primitive, const dvec3& n, const dvec3& p, co
 
 bool sees(const World& world, const View& view, const dvec3& p, int primitive, const dvec3& n) {
     const dvec3& eye = view.world_from_cam.translation_m;
-    return in_frame(view, p, 1) && faces(world, primitive, n, p, eye) &&
-           !blocked(world, p, eye - p, 1, primitive);
+    return in_frame(view, p, 1) && faces(world, primitive, n, p, eye) && !blocked(world, p, eye - p, 1, primitive);
 }
 
 bool sees_sky(const World& world, const View& view, const dvec3& direction) {
-    return in_frame(view, direction, 0) &&
-           !blocked(world, view.world_from_cam.translation_m, direction, infinity, -1);
+    return in_frame(view, direction, 0) && !blocked(world, view.world_from_cam.translation_m, direction, infinity, -1);
 }
 
 /// Colour of a surface point: a function of the point alone, smooth, faint far away.
@@ -153,8 +146,7 @@ SurfaceHit cast(const World& world, const dvec3& origin, const dvec3& direction)
     return best;
 }
 
-std::vector<SurfaceHit> cast_all(const World& world, const dvec3& origin, const dvec3& direction,
-                                 double t_max) {
+std::vector<SurfaceHit> cast_all(const World& world, const dvec3& origin, const dvec3& direction, double t_max) {
     std::vector<SurfaceHit> all;
     SurfaceHit hits[2];
     for (int i = 0; i < int(world.size()); ++i)
@@ -182,8 +174,7 @@ Picture render(const World& world, const View& view) {
     return out;
 }
 
-Grid<uint8_t> truth_recorded(const World& world, const std::vector<View>& rig, int own,
-                             const View& shifted) {
+Grid<uint8_t> truth_recorded(const World& world, const std::vector<View>& rig, int own, const View& shifted) {
     const View& r = rig[size_t(own)];
     const dvec3& eye = r.world_from_cam.translation_m;
     const dvec3& v = shifted.world_from_cam.translation_m;
@@ -197,8 +188,7 @@ Grid<uint8_t> truth_recorded(const World& world, const std::vector<View>& rig, i
             if (!in_frame(shifted, hit ? p : d, hit ? 1 : 0)) f |= VSHIFT_TRUTH_OUTSIDE;
             if (!hit) f |= VSHIFT_TRUTH_SKY;
             if (hit && turned_away(hit.normal, p, v)) {
-                f |= VSHIFT_TRUTH_OCCLUDED | VSHIFT_TRUTH_FACES_AWAY | VSHIFT_TRUTH_SHELL_SELF |
-                     VSHIFT_TRUTH_SHELL_RIG;
+                f |= VSHIFT_TRUTH_OCCLUDED | VSHIFT_TRUTH_FACES_AWAY | VSHIFT_TRUTH_SHELL_SELF | VSHIFT_TRUTH_SHELL_RIG;
             } else {
                 const dvec3 from = hit ? p : v, along = hit ? v - p : d;
                 for (const SurfaceHit& x_hit : cast_all(world, from, along, hit ? 1 : infinity)) {
@@ -208,8 +198,7 @@ Grid<uint8_t> truth_recorded(const World& world, const std::vector<View>& rig, i
                     if (sees(world, r, q, x_hit.primitive, x_hit.normal))
                         f |= VSHIFT_TRUTH_SHELL_SELF | VSHIFT_TRUTH_SHELL_RIG;
                     for (size_t i = 0; i < rig.size() && !(f & VSHIFT_TRUTH_SHELL_RIG); ++i)
-                        if (sees(world, rig[i], q, x_hit.primitive, x_hit.normal))
-                            f |= VSHIFT_TRUTH_SHELL_RIG;
+                        if (sees(world, rig[i], q, x_hit.primitive, x_hit.normal)) f |= VSHIFT_TRUTH_SHELL_RIG;
                 }
             }
             flags.at(x, y) = uint8_t(f);
@@ -217,8 +206,7 @@ Grid<uint8_t> truth_recorded(const World& world, const std::vector<View>& rig, i
     return flags;
 }
 
-Grid<uint8_t> truth_shifted(const World& world, const std::vector<View>& rig, int own,
-                            const View& shifted) {
+Grid<uint8_t> truth_shifted(const World& world, const std::vector<View>& rig, int own, const View& shifted) {
     const View& r = rig[size_t(own)];
     const dvec3& v = shifted.world_from_cam.translation_m;
     Grid<uint8_t> classes(shifted.intrinsics.width, shifted.intrinsics.height, 0);
@@ -228,21 +216,18 @@ Grid<uint8_t> truth_shifted(const World& world, const std::vector<View>& rig, in
             const SurfaceHit hit = cast(world, v, d);
             const dvec3 p = v + hit.t * d;
             const auto seen_by = [&](const View& view) {
-                return hit ? sees(world, view, p, hit.primitive, hit.normal)
-                           : sees_sky(world, view, d);
+                return hit ? sees(world, view, p, hit.primitive, hit.normal) : sees_sky(world, view, d);
             };
             if (seen_by(r)) continue;
             const bool framed = in_frame(r, hit ? p : d, hit ? 1 : 0);
             const bool somebody = std::any_of(rig.begin(), rig.end(), seen_by);
-            classes.at(x, y) = somebody
-                                   ? (framed ? VSHIFT_NEIGHBOUR_OCCLUDED : VSHIFT_NEIGHBOUR_OUTSIDE)
-                                   : (framed ? VSHIFT_NOBODY_OCCLUDED : VSHIFT_NOBODY_OUTSIDE);
+            classes.at(x, y) = somebody ? (framed ? VSHIFT_NEIGHBOUR_OCCLUDED : VSHIFT_NEIGHBOUR_OUTSIDE)
+                                        : (framed ? VSHIFT_NOBODY_OCCLUDED : VSHIFT_NOBODY_OUTSIDE);
         }
     return classes;
 }
 
-Mask undecided_by_sampling(const World& world, const View& r, const View& shifted,
-                           double radius_px) {
+Mask undecided_by_sampling(const World& world, const View& r, const View& shifted, double radius_px) {
     const int w = r.intrinsics.width, h = r.intrinsics.height;
     const Grid<uint8_t> flags = truth_recorded(world, {r}, 0, shifted);
     const dvec3& eye = r.world_from_cam.translation_m;
@@ -251,9 +236,7 @@ Mask undecided_by_sampling(const World& world, const View& r, const View& shifte
     Mask out(w, h, 0);
     for (int y = 0; y < h; ++y)
         for (int x = 0; x < w; ++x) {
-            const auto occluded = [&](int i, int j) {
-                return (flags.at(i, j) & VSHIFT_TRUTH_OCCLUDED) != 0;
-            };
+            const auto occluded = [&](int i, int j) { return (flags.at(i, j) & VSHIFT_TRUTH_OCCLUDED) != 0; };
             const bool here = occluded(x, y);
             const dvec3 d = ray_through(r, x + 0.5, y + 0.5);
             const SurfaceHit hit = cast(world, eye, d);
@@ -264,15 +247,13 @@ Mask undecided_by_sampling(const World& world, const View& r, const View& shifte
                 if (i >= 0 && i < w && j >= 0 && j < h && occluded(i, j) != here) open = true;
                 if (open || (flags.at(x, y) & VSHIFT_TRUTH_FACES_AWAY)) continue;
                 // Moving R's image against the segment shears space: x += z * (radius / f).
-                const dvec3 shear(dx * radius_px / r.intrinsics.fx,
-                                  dy * radius_px / r.intrinsics.fy, 0);
+                const dvec3 shear(dx * radius_px / r.intrinsics.fx, dy * radius_px / r.intrinsics.fy, 0);
                 const dvec3 v2 = r.world_from_cam.point(v_cam + v_cam.z * shear);
                 if (hit) {
                     const dvec3 p2 = eye + hit.t * (d + r.world_from_cam.direction(shear));
                     open = blocked(world, p2, v2 - p2, 1, hit.primitive) != here;
                 } else {
-                    open = blocked(world, v2, d + r.world_from_cam.direction(shear), infinity, -1) !=
-                           here;
+                    open = blocked(world, v2, d + r.world_from_cam.direction(shear), infinity, -1) != here;
                 }
             }
             out.at(x, y) = open;
@@ -280,8 +261,7 @@ Mask undecided_by_sampling(const World& world, const View& r, const View& shifte
     return out;
 }
 
-Mask exact_unseen(const World& world, const std::vector<View>& rig, int own, const View& shifted,
-                  double clear_m) {
+Mask exact_unseen(const World& world, const std::vector<View>& rig, int own, const View& shifted, double clear_m) {
     const View& r = rig[size_t(own)];
     const dvec3& eye = r.world_from_cam.translation_m;
     const dvec3& v = shifted.world_from_cam.translation_m;
@@ -311,8 +291,7 @@ Mask exact_unseen(const World& world, const std::vector<View>& rig, int own, con
                 }
                 if (t0 < t1) seen.push_back({t0, t1});
             }
-            std::sort(seen.begin(), seen.end(),
-                      [](const dvec2& l, const dvec2& rr) { return l.x < rr.x; });
+            std::sort(seen.begin(), seen.end(), [](const dvec2& l, const dvec2& rr) { return l.x < rr.x; });
             double reached = 0;
             for (const dvec2& s : seen)
                 if (s.x <= reached + 1e-9) reached = std::max(reached, s.y);

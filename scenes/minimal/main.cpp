@@ -38,7 +38,9 @@ Json rotation_of(const glm::dmat3& rotation) {
     return {q.w, q.x, q.y, q.z};
 }
 
-Json vector_of(const glm::dvec3& v) { return {v.x, v.y, v.z}; }
+Json vector_of(const glm::dvec3& v) {
+    return {v.x, v.y, v.z};
+}
 
 std::vector<float> channel(const ColorImage& image, int c) {
     std::vector<float> plane(image.size());
@@ -85,8 +87,7 @@ void write_view(const fs::path& folder, const std::string& camera, const Picture
     Channels depth = sized(picture.depth.width, picture.depth.height);
     const bool png = depth_kind == "png";
     depth.add("Z", png ? millimetres(picture.depth) : picture.depth.data);
-    write_image(folder / (camera + "_depth." + depth_kind), depth,
-                {png ? SampleType::uint16 : SampleType::float32});
+    write_image(folder / (camera + "_depth." + depth_kind), depth, {png ? SampleType::uint16 : SampleType::float32});
 }
 
 Json recipe_of(const MinimalScene& s, const std::string& depth_kind) {
@@ -94,8 +95,8 @@ Json recipe_of(const MinimalScene& s, const std::string& depth_kind) {
     for (const Camera& c : s.rig) {
         const Intrinsics& k = c.intrinsics;
         Json camera = {{"name", c.name}, {"width", k.width}, {"height", k.height}};
-        camera["intrinsic"] = Json::array({Json::array({k.fx, 0, k.cx}), Json::array({0, k.fy, k.cy}),
-                                           Json::array({0, 0, 1})});
+        camera["intrinsic"] =
+            Json::array({Json::array({k.fx, 0, k.cx}), Json::array({0, k.fy, k.cy}), Json::array({0, 0, 1})});
         camera["rotation"] = rotation_of(c.ego_from_cam.rotation);
         camera["translation"] = vector_of(c.ego_from_cam.translation_m);
         camera["image"] = "frames/%04d/" + c.name + ".exr";
@@ -175,22 +176,21 @@ Json write_scene(const Options& options, const fs::path& folder) {
     write_image(folder / "expected" / "shifted.exr", shifted);
 
     const Intrinsics& k = s.rig[size_t(s.own)].intrinsics;
-    const Json known = {
-        {"scene", s.name},
-        {"about", s.about},
-        {"camera", s.rig[size_t(s.own)].name},
-        {"width", k.width},
-        {"height", k.height},
-        {"focal_px", k.fx},
-        {"shift_m", vector_of(s.shift.translation_m)},
-        {"closed_forms", closed_forms_of(s)},
-        {"truth_px",
-         {{"lost", set_pixels(recorded, lost)},
-          {"occluded", set_pixels(recorded, VSHIFT_TRUTH_OCCLUDED)},
-          {"outside", set_pixels(recorded, VSHIFT_TRUTH_OUTSIDE)},
-          {"faces_away", set_pixels(recorded, VSHIFT_TRUTH_FACES_AWAY)},
-          {"shell_self", set_pixels(recorded, VSHIFT_TRUTH_SHELL_SELF)},
-          {"shell_rig", set_pixels(recorded, VSHIFT_TRUTH_SHELL_RIG)}}}};
+    const Json known = {{"scene", s.name},
+                        {"about", s.about},
+                        {"camera", s.rig[size_t(s.own)].name},
+                        {"width", k.width},
+                        {"height", k.height},
+                        {"focal_px", k.fx},
+                        {"shift_m", vector_of(s.shift.translation_m)},
+                        {"closed_forms", closed_forms_of(s)},
+                        {"truth_px",
+                         {{"lost", set_pixels(recorded, lost)},
+                          {"occluded", set_pixels(recorded, VSHIFT_TRUTH_OCCLUDED)},
+                          {"outside", set_pixels(recorded, VSHIFT_TRUTH_OUTSIDE)},
+                          {"faces_away", set_pixels(recorded, VSHIFT_TRUTH_FACES_AWAY)},
+                          {"shell_self", set_pixels(recorded, VSHIFT_TRUTH_SHELL_SELF)},
+                          {"shell_rig", set_pixels(recorded, VSHIFT_TRUTH_SHELL_RIG)}}}};
     write_whole_file(folder / "expected" / "closed_form.json", known.dump(2) + "\n");
     write_whole_file(folder / (s.name + ".vshift"), recipe_of(s, options.depth).dump(2) + "\n");
     return known;
@@ -202,12 +202,10 @@ int run(int argc, char** argv) {
     CLI::App app{"Minimal scenes whose masks are known in closed form."};
     app.add_option("scene", options.scene, "a name of --list, or all");
     app.add_option("-o,--output", options.folder, "folder to write into");
-    app.add_option("--width", options.size.width, "pixels; the focal length is the width")
-        ->check(CLI::Range(8, 8192));
+    app.add_option("--width", options.size.width, "pixels; the focal length is the width")->check(CLI::Range(8, 8192));
     app.add_option("--height", options.size.height, "pixels")->check(CLI::Range(8, 8192));
     app.add_option("--seed", options.seed, "of the scene called random");
-    app.add_option("--depth", options.depth, "file of the depth")
-        ->check(CLI::IsMember({"exr", "png", "pfm", "npy"}));
+    app.add_option("--depth", options.depth, "file of the depth")->check(CLI::IsMember({"exr", "png", "pfm", "npy"}));
     app.add_flag("--list", list, "print the names of the scenes");
     try {
         app.parse(argc, argv);

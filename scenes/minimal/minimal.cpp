@@ -17,14 +17,11 @@ constexpr double eye_height_m = 1.5;
 const double pi = std::acos(-1.0);
 
 /// ego_from_cam of a level camera that looks along `yaw_deg` (0 ahead, 90 left).
-Camera level_camera(const std::string& name, Size size, double focal_px, const dvec3& at_m,
-                    double yaw_deg) {
-    const double a = yaw_deg * pi / 180, c = yaw_deg == 0 ? 1 : std::cos(a),
-                 s = yaw_deg == 0 ? 0 : std::sin(a);
+Camera level_camera(const std::string& name, Size size, double focal_px, const dvec3& at_m, double yaw_deg) {
+    const double a = yaw_deg * pi / 180, c = yaw_deg == 0 ? 1 : std::cos(a), s = yaw_deg == 0 ? 0 : std::sin(a);
     Camera out;
     out.name = name;
-    out.intrinsics = {size.width, size.height,      focal_px,
-                      focal_px,   size.width / 2.0, size.height / 2.0};
+    out.intrinsics = {size.width, size.height, focal_px, focal_px, size.width / 2.0, size.height / 2.0};
     out.ego_from_cam.rotation = glm::dmat3(dvec3(s, -c, 0), dvec3(0, 0, -1), dvec3(c, s, 0));
     out.ego_from_cam.translation_m = at_m;
     return out;
@@ -61,8 +58,8 @@ Primitive card(const Camera& camera, const RectPx& r, double depth_m, const dvec
     const double y0 = std::max(r.y0, -1e6), y1 = std::min(r.y1, 1e6);
     Primitive p;
     p.world_from_local.rotation = camera.ego_from_cam.rotation;
-    p.world_from_local.translation_m = camera.ego_from_cam.point(
-        dvec3(((x0 + x1) / 2 - k.cx) / k.fx, ((y0 + y1) / 2 - k.cy) / k.fy, 1.0) * depth_m);
+    p.world_from_local.translation_m =
+        camera.ego_from_cam.point(dvec3(((x0 + x1) / 2 - k.cx) / k.fx, ((y0 + y1) / 2 - k.cy) / k.fy, 1.0) * depth_m);
     p.half_m = dvec3((x1 - x0) / 2 / k.fx, (y1 - y0) / 2 / k.fy, 0) * depth_m;
     p.color = color;
     return p;
@@ -75,7 +72,9 @@ Mask fill(Size size, const std::function<bool(double, double)>& set) {
     return m;
 }
 
-Mask nothing(Size size) { return Mask(size.width, size.height, 0); }
+Mask nothing(Size size) {
+    return Mask(size.width, size.height, 0);
+}
 
 MinimalScene on_road(const std::string& name, Size size, const std::string& about) {
     MinimalScene s;
@@ -94,8 +93,7 @@ MinimalScene grazing_road(Size size) {
     s.closed_forms = {
         {"mask", "occluded", "none", nothing(size)},
         {"mask", "unknown", "none", nothing(size)},
-        {"mask", "outside", "road: u + (v - cy) shift / height >= width",
-         fill(size, [=](double u, double v) {
+        {"mask", "outside", "road: u + (v - cy) shift / height >= width", fill(size, [=](double u, double v) {
              const double inverse_z = (v - cy) / f / eye_height_m;
              return inverse_z > 0 && u + f * inverse_z >= w;
          })}};
@@ -120,24 +118,20 @@ struct Kerb {
     }
 };
 
-MinimalScene road_with_kerb(const std::string& name, Size size, const std::string& about, Kerb kerb,
-                            double left_m) {
+MinimalScene road_with_kerb(const std::string& name, Size size, const std::string& about, Kerb kerb, double left_m) {
     MinimalScene s = on_road(name, size, about);
     const double side = kerb.edge > 0 ? 1 : -1;
-    s.world.push_back(box({0, kerb.edge + side * far_m, kerb.rise - 5}, {far_m, far_m, 5}, 0,
-                          {0.55, 0.52, 0.48}));
+    s.world.push_back(box({0, kerb.edge + side * far_m, kerb.rise - 5}, {far_m, far_m, 5}, 0, {0.55, 0.52, 0.48}));
     s.shift.translation_m = {0, left_m, 0};
     const double f = size.width, cx = size.width / 2.0, cy = size.height / 2.0, w = size.width;
     // Seen from V beyond the edge the face turns away, and the edge hides the road up to the line
     // from V over it.
     const bool beyond = left_m * side > kerb.edge * side;
-    const double shadow =
-        kerb.edge - (left_m - kerb.edge) * kerb.rise / (eye_height_m - kerb.rise);
+    const double shadow = kerb.edge - (left_m - kerb.edge) * kerb.rise / (eye_height_m - kerb.rise);
     const auto hidden = [=](double u, double v) {
         double z = 0;
         const Kerb::Part part = kerb.meet((u - cx) / f, (v - cy) / f, z);
-        return beyond && (part == Kerb::face ||
-                          (part == Kerb::road && -(u - cx) / f * z * side > shadow * side));
+        return beyond && (part == Kerb::face || (part == Kerb::road && -(u - cx) / f * z * side > shadow * side));
     };
     // What one camera knows: the kerb hides the road where the segment meets it inside R's frame.
     const auto hidden_in_frame = [=](double u, double v) {
@@ -147,18 +141,16 @@ MinimalScene road_with_kerb(const std::string& name, Size size, const std::strin
         const double kerb_u = cx - f * kerb.edge / kerb_z;
         return hidden(u, v) && (part == Kerb::face || (kerb_u >= 0 && kerb_u < w));
     };
-    const std::string rule = beyond ? "the kerb's face, and the road between y = " +
-                                          std::to_string(shadow) + " m and the kerb"
-                                    : "none";
-    s.closed_forms = {
-        {"truth", "occluded", rule, fill(size, hidden)},
-        {"mask", "occluded", rule + ", where the kerb is in frame", fill(size, hidden_in_frame)},
-        {"mask", "unknown", "none", nothing(size)},
-        {"mask", "outside", "u + f shift / Z outside [0, width)", fill(size, [=](double u, double v) {
-             double z = 0;
-             kerb.meet((u - cx) / f, (v - cy) / f, z);
-             return u + f * left_m / z >= w || u + f * left_m / z < 0;
-         })}};
+    const std::string rule =
+        beyond ? "the kerb's face, and the road between y = " + std::to_string(shadow) + " m and the kerb" : "none";
+    s.closed_forms = {{"truth", "occluded", rule, fill(size, hidden)},
+                      {"mask", "occluded", rule + ", where the kerb is in frame", fill(size, hidden_in_frame)},
+                      {"mask", "unknown", "none", nothing(size)},
+                      {"mask", "outside", "u + f shift / Z outside [0, width)", fill(size, [=](double u, double v) {
+                           double z = 0;
+                           kerb.meet((u - cx) / f, (v - cy) / f, z);
+                           return u + f * left_m / z >= w || u + f * left_m / z < 0;
+                       })}};
     return s;
 }
 
@@ -251,8 +243,8 @@ const std::vector<Named>& table() {
         {"grazing_road", [](Size z, uint32_t) { return grazing_road(z); }},
         {"grazing_road_kerb",
          [](Size z, uint32_t) {
-             return road_with_kerb("grazing_road_kerb", z, "a road to the horizon with a kerb beside it",
-                                   {-3, 0.15}, 1);
+             return road_with_kerb("grazing_road_kerb", z, "a road to the horizon with a kerb beside it", {-3, 0.15},
+                                   1);
          }},
         {"step_kerb",
          [](Size z, uint32_t) {
@@ -292,8 +284,7 @@ View MinimalScene::shifted(const Shift& by, int camera, int frame) const {
     const Pose& world_from_ego = frames[size_t(frame)];
     const glm::dmat3 turn = by.yaw_rad == 0 ? glm::dmat3(1.0) : yawed(by.yaw_rad);
     const dvec3 in_ego = by.translation_m + turn * c.ego_from_cam.translation_m;
-    return {c.intrinsics,
-            {world_from_ego.rotation * turn * c.ego_from_cam.rotation, world_from_ego.point(in_ego)}};
+    return {c.intrinsics, {world_from_ego.rotation * turn * c.ego_from_cam.rotation, world_from_ego.point(in_ego)}};
 }
 
 std::vector<View> MinimalScene::views(int frame) const {
@@ -314,12 +305,12 @@ MinimalScene make_scene(const std::string& name, Size size, uint32_t seed) {
         if (n.name == name) return n.make(size, seed);
         if (edit_distance(name, n.name) < edit_distance(name, nearest->name)) nearest = &n;
     }
-    throw Error(ExitCode::bad_input, "scene: got '" + name + "', expected one of --list, such as '" +
-                                         nearest->name + "'");
+    throw Error(ExitCode::bad_input,
+                "scene: got '" + name + "', expected one of --list, such as '" + nearest->name + "'");
 }
 
-MinimalScene cards_before_wall(const std::string& name, Size size, const std::vector<RectPx>& cards,
-                               double card_m, double wall_m, double left_m) {
+MinimalScene cards_before_wall(const std::string& name, Size size, const std::vector<RectPx>& cards, double card_m,
+                               double wall_m, double left_m) {
     MinimalScene s;
     s.name = name;
     s.about = "cards that face the camera before a wall";
@@ -332,14 +323,12 @@ MinimalScene cards_before_wall(const std::string& name, Size size, const std::ve
     const double near_px = size.width * left_m / card_m, far_px = size.width * left_m / wall_m;
     const double strip_px = near_px - far_px, width = size.width;
     const auto on_card = [=](double u, double v) {
-        return std::any_of(cards.begin(), cards.end(),
-                           [&](const RectPx& r) { return r.holds(u, v); });
+        return std::any_of(cards.begin(), cards.end(), [&](const RectPx& r) { return r.holds(u, v); });
     };
     const auto past_edge = [=](double u, double v) {  // the segment from a wall pixel dips behind a card
         return std::any_of(cards.begin(), cards.end(), [&](const RectPx& r) {
             if (v < r.y0 || v >= r.y1) return false;
-            return left_m > 0 ? r.x1 <= u && u - strip_px < r.x1
-                              : r.x0 > u && u - strip_px >= r.x0;
+            return left_m > 0 ? r.x1 <= u && u - strip_px < r.x1 : r.x0 > u && u - strip_px >= r.x0;
         });
     };
     const auto inside = [=](double u) { return u >= 0 && u < width; };
@@ -349,18 +338,14 @@ MinimalScene cards_before_wall(const std::string& name, Size size, const std::ve
     add("mask", "occluded", "wall pixels u with u - D on a card, D = f shift (1/card - 1/wall)",
         [=](double u, double v) { return !on_card(u, v) && on_card(u - strip_px, v); });
     add("mask", "unknown", "wall pixels that are not occluded, with a card's edge in (u - D, u]",
-        [=](double u, double v) {
-            return !on_card(u, v) && !on_card(u - strip_px, v) && past_edge(u, v);
-        });
-    add("mask", "outside", "u + f shift / Z outside [0, width)", [=](double u, double v) {
-        return !inside(u + (on_card(u, v) ? near_px : far_px));
+        [=](double u, double v) { return !on_card(u, v) && !on_card(u - strip_px, v) && past_edge(u, v); });
+    add("mask", "outside", "u + f shift / Z outside [0, width)",
+        [=](double u, double v) { return !inside(u + (on_card(u, v) ? near_px : far_px)); });
+    add("holes", "hole", "the recorded view of it is out of frame, hidden or unknown", [=](double x, double v) {
+        if (on_card(x - near_px, v)) return !inside(x - near_px);
+        const double u = x - far_px;
+        return !inside(u) || on_card(u, v) || past_edge(u, v);
     });
-    add("holes", "hole", "the recorded view of it is out of frame, hidden or unknown",
-        [=](double x, double v) {
-            if (on_card(x - near_px, v)) return !inside(x - near_px);
-            const double u = x - far_px;
-            return !inside(u) || on_card(u, v) || past_edge(u, v);
-        });
     return s;
 }
 
@@ -373,9 +358,8 @@ std::vector<RectPx> rectangles(const Mask& mask) {
             const int x0 = x;
             while (x < mask.width && mask.at(x, y)) ++x;
             RectPx r{double(x0), double(y), double(x), y + 1.0};
-            const auto above = std::find_if(open.begin(), open.end(), [&](const RectPx& o) {
-                return o.x0 == r.x0 && o.x1 == r.x1;
-            });
+            const auto above =
+                std::find_if(open.begin(), open.end(), [&](const RectPx& o) { return o.x0 == r.x0 && o.x1 == r.x1; });
             if (above != open.end()) {
                 r.y0 = above->y0;
                 open.erase(above);

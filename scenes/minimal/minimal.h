@@ -61,9 +61,9 @@ struct MinimalScene {
     std::string name, about;
     World world;
     std::vector<Camera> rig;
-    int own = 0;               ///< the camera that the closed forms speak of
-    std::vector<Pose> frames;  ///< world_from_ego; the first is the identity
-    Shift shift;               ///< the default request
+    int own = 0;                           ///< the camera that the closed forms speak of
+    std::vector<Pose> frames;              ///< world_from_ego; the first is the identity
+    Shift shift;                           ///< the default request
     std::vector<ClosedForm> closed_forms;  ///< of rig[own] in frame 0
 
     View recorded(int camera, int frame = 0) const;
@@ -81,8 +81,8 @@ MinimalScene make_scene(const std::string& name, Size size = {}, uint32_t seed =
 /// Fronto-parallel cards at one depth before an infinite wall; the camera moves to the left by
 /// `left_m` (negative: right). Every mask of it is known: with D = f left (1/card - 1/wall) a wall
 /// pixel u is occluded when u - D lies on a card, unknown when a card's edge lies between.
-MinimalScene cards_before_wall(const std::string& name, Size size, const std::vector<RectPx>& cards,
-                               double card_m, double wall_m, double left_m);
+MinimalScene cards_before_wall(const std::string& name, Size size, const std::vector<RectPx>& cards, double card_m,
+                               double wall_m, double left_m);
 
 /// The set pixels of a mask as rectangles (runs of a row, merged downwards).
 std::vector<RectPx> rectangles(const Mask& mask);
@@ -98,8 +98,8 @@ struct SurfaceHit {
 /// The nearest surface on origin + t direction, t > 0.
 SurfaceHit cast(const World& world, const glm::dvec3& origin, const glm::dvec3& direction);
 /// Every surface there, unsorted: 0 < t < t_max.
-std::vector<SurfaceHit> cast_all(const World& world, const glm::dvec3& origin,
-                                 const glm::dvec3& direction, double t_max);
+std::vector<SurfaceHit> cast_all(const World& world, const glm::dvec3& origin, const glm::dvec3& direction,
+                                 double t_max);
 
 struct Picture {
     ColorImage color;
@@ -109,22 +109,18 @@ struct Picture {
 Picture render(const World& world, const View& view);
 
 /// Scene and shell truth of the pixels of rig[own] against V: VSHIFT_TRUTH_* flags of c_api.h.
-Grid<uint8_t> truth_recorded(const World& world, const std::vector<View>& rig, int own,
-                             const View& shifted);
+Grid<uint8_t> truth_recorded(const World& world, const std::vector<View>& rig, int own, const View& shifted);
 
 /// For each pixel of V: VSHIFT_SEEN_BY_OWN ... VSHIFT_NOBODY_OUTSIDE of c_api.h.
-Grid<uint8_t> truth_shifted(const World& world, const std::vector<View>& rig, int own,
-                            const View& shifted);
+Grid<uint8_t> truth_shifted(const World& world, const std::vector<View>& rig, int own, const View& shifted);
 
 /// 1 where the scene truth (occluded or not) of a pixel hangs on where a silhouette falls within
 /// `radius_px`: a neighbour's answer differs, or the answer of the same segment does when R's image is
 /// moved against it by that much. Sampling at pixel centres cannot decide these.
-Mask undecided_by_sampling(const World& world, const View& recorded, const View& shifted,
-                           double radius_px);
+Mask undecided_by_sampling(const World& world, const View& recorded, const View& shifted, double radius_px);
 
 /// 1 where the segment from a pixel's surface to V's centre leaves every frustum of the rig farther
 /// than `clear_m` from V. Sky is 0.
-Mask exact_unseen(const World& world, const std::vector<View>& rig, int own, const View& shifted,
-                  double clear_m);
+Mask exact_unseen(const World& world, const std::vector<View>& rig, int own, const View& shifted, double clear_m);
 
 }  // namespace vshift::minimal
