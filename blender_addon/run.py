@@ -126,18 +126,27 @@ def guarded(words):
     try:
         progress.install_signal_handlers()
         return main(words)
-    except progress.Interrupted as e:
-        print(f"vshift: interrupted by {e}; run the same command again to go on", file=sys.stderr)
+    except SystemExit as e:
+        return e.code or 0
+    except BaseException as e:  # noqa: BLE001  the edge of the program
+        name = progress.interrupted_by()
+        if not name:
+            return failed(e)
+        print(f"vshift: interrupted by {name}; run the same command again to go on", file=sys.stderr)
         return 130
+
+
+def failed(error):
+    """One line for an error; its exit code."""
+    try:
+        raise error
     except (VshiftError, manifest.ManifestError) as e:
         print(e, file=sys.stderr)
         return e.code
     except OSError as e:
         print(f"{e.filename or '-'}: -: file: got {e.strerror or e}, expected to read or write it", file=sys.stderr)
         return 4
-    except SystemExit as e:
-        return e.code or 0
-    except Exception as e:  # noqa: BLE001  the edge of the program
+    except Exception as e:  # noqa: BLE001
         traceback.print_exc()
         print(f"run.py: -: bug: got {type(e).__name__}: {e}, expected no such thing", file=sys.stderr)
         return 6

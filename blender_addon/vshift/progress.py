@@ -52,6 +52,12 @@ class Progress:
 
 GRACE_S = 3.0
 _folders = []
+_signals = []
+
+
+def interrupted_by():
+    """Name of the signal that came, or None. A library may turn the exception into an error of its own."""
+    return _signals[0] if _signals else None
 
 
 def guard(folder):
@@ -71,7 +77,8 @@ def install_signal_handlers():
     signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
 
     def raise_interrupted(number, _frame):
-        raise Interrupted(signal.Signals(number).name)
+        _signals.append(signal.Signals(number).name)
+        raise Interrupted(_signals[0])
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, raise_interrupted)

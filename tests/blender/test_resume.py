@@ -51,20 +51,18 @@ class Resume(unittest.TestCase):
         try:
             code, whole = run(root / "whole")
             self.assertEqual(code, 0)
-            all_made = []
+            all_made, in_time = [], 0
             # after so many finished items, and a little later: inside a write, a hash or a render
             for stop, delay in ((1, 0.0), (3, 0.004), (5, 0.02), (7, 0.05), (2, 0.011)):
                 code, made = run(root / "killed", stop, delay)
-                self.assertEqual(code, -signal.SIGKILL)
+                self.assertIn(code, (-signal.SIGKILL, 0))
+                in_time += code != 0
                 all_made += made
                 data = manifest.load(root / "killed")
                 for name, item in data["items"].items():
                     if item["status"] == "done":
                         self.assertTrue(manifest.is_done(root / "killed", data, name), name)
-            code, made = run(root / "killed", 2, 0.0, signal.SIGTERM)
-            self.assertEqual(code, 130)
-            self.assertFalse((root / "killed" / ".tmp").exists())
-            all_made += made
+            self.assertGreaterEqual(in_time, 3, "kills that came before the set was done")
             code, made = run(root / "killed")
             self.assertEqual(code, 0)
             all_made += made
@@ -74,6 +72,18 @@ class Resume(unittest.TestCase):
             a, b = (manifest.load(root / n)["items"] for n in ("whole", "killed"))
             self.assertEqual({n: i.get("sha256") for n, i in a.items()}, {n: i.get("sha256") for n, i in b.items()})
             self.assertEqual({n: i["status"] for n, i in a.items()}, {n: i["status"] for n, i in b.items()})
+        finally:
+            shutil.rmtree(root, ignore_errors=True)
+
+    def test_terminated(self):
+        root = Path(tempfile.mkdtemp(prefix="vshift_resume_"))
+        try:
+            code, made = run(root, 2, 0.0, signal.SIGTERM)
+            self.assertEqual(code, 130)
+            self.assertFalse((root / ".tmp").exists())
+            data = manifest.load(root)
+            self.assertGreaterEqual(sum(manifest.is_done(root, data, n) for n in data["items"]), len(made))
+            self.assertGreater(len(manifest.left(data)), 0, "the signal came too late to mean anything")
         finally:
             shutil.rmtree(root, ignore_errors=True)
 
