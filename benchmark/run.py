@@ -56,7 +56,7 @@ def main(words):
     pairs.append(f"python={sys.executable}")
     config = [f"set={json.dumps(str(set_dir))}"] + [_quoted(p) for p in pairs]
     command = [snakemake, "-s", str(HERE / "Snakefile"), "--directory", str(set_dir), "--nolock", "--rerun-incomplete",
-               "--rerun-triggers", "mtime", "params", "--cores", "1", *extra, "--config", *config]
+               "--rerun-triggers", "mtime", "params", "--cores", "1", "--quiet", "rules", *extra, "--config", *config]
     child = subprocess.Popen(command, start_new_session=True)
     stopped = []
 
