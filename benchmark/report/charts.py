@@ -166,7 +166,7 @@ def chart_times(data, number):
                 continue
             ax.barh(i, row[stage], .6, left=base, color=hue, label=stage[:-3] if i == 0 else None)
             base += row[stage]
-        ax.text(base, i, f"  {base:.3g} ms", va="center", fontsize=9)
+        ax.text(base, i, f"  {base:.0f} ms", va="center", fontsize=9)
     ax.set_yticks(range(len(times)), [f"{r['out']}, {METHOD_NAME[r['method']]}" for r in times])
     ax.invert_yaxis()
     ax.grid(axis="y", visible=False)
