@@ -63,14 +63,6 @@ std::string csv_of(const ordered_json& rows) {
     return text;
 }
 
-void write_text(const std::string& file, const std::string& text) {
-    if (file.empty()) return;
-    if (file == "-")
-        std::fwrite(text.data(), 1, text.size(), stdout);
-    else
-        write_whole_file(file, text);
-}
-
 void make_folders(const fs::path& folder) {
     std::error_code error;
     fs::create_directories(folder, error);
@@ -212,8 +204,8 @@ void run(const std::string& verb, const Options& options) {
         write_whole_file(run_file, rows.dump(1) + "\n");
         manifest->record_done((item_folder / "run.json").string(), "times", 0);
     }
-    write_text(options.json, rows.dump(1) + "\n");
-    write_text(options.csv, csv_of(rows));
+    if (!options.json.empty()) write_text(options.json, rows.dump(1) + "\n");
+    if (!options.csv.empty()) write_text(options.csv, csv_of(rows));
 }
 
 }  // namespace

@@ -39,13 +39,6 @@ void hold_threshold(const ordered_json& scores, double min_f1) {
                   row["f1"]);
 }
 
-void write_text(const std::string& file, const std::string& text) {
-    if (file == "-")
-        std::fwrite(text.data(), 1, text.size(), stdout);
-    else
-        write_whole_file(file, text);
-}
-
 void run(const Options& options) {
     const bool pair = !options.got.empty() || !options.truth.empty();
     if (pair == !options.recipe.empty() || (pair && (options.got.empty() || options.truth.empty())))

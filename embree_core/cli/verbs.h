@@ -2,6 +2,7 @@
 // Role: the verbs of the command line. A verb reads its options and calls the library.
 #pragma once
 #include <CLI/CLI.hpp>
+#include <string>
 
 namespace vshift::cli {
 
@@ -10,5 +11,8 @@ void add_answer_verbs(CLI::App& app);  // mask, holes, warp
 void add_score_verb(CLI::App& app);
 void add_check_verb(CLI::App& app);
 void add_report_verb(CLI::App& app);
+
+/// A result as text: a whole file, or standard output when `file` is "-".
+void write_text(const std::string& file, const std::string& text);
 
 }  // namespace vshift::cli
