@@ -86,9 +86,12 @@ Answer answer(const Recipe& recipe, const Request& request, FrameFiles& files) {
         out.times.read_ms += ms_since(start);
         start = Clock::now();
         if (camera.name == own.name) rig.own = int(rig.views.size());
-        rig.views.push_back(lift_view(camera.name, camera.intrinsics, recipe.world_from_cam(camera.name, request.frame),
-                                      depth, shifted.world_from_cam.translation_m));
+        const Pose world_from_cam = recipe.world_from_cam(camera.name, request.frame);
+        LiftedMesh mesh = lift_towards(camera.intrinsics, world_from_cam, depth, shifted.world_from_cam.translation_m);
         out.times.lift_ms += ms_since(start);
+        start = Clock::now();
+        rig.views.push_back(build_view(camera.name, world_from_cam, std::move(mesh)));
+        out.times.build_ms += ms_since(start);
         out.kept_quads += rig.views.back().mesh.kept.size();
         out.torn_quads += rig.views.back().mesh.torn.size();
     }

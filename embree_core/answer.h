@@ -27,7 +27,7 @@ private:
 };
 
 struct AnswerTimes {
-    double read_ms = 0, lift_ms = 0, cast_ms = 0;
+    double read_ms = 0, lift_ms = 0, build_ms = 0, cast_ms = 0;
 };
 
 struct Answer {

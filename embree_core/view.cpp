@@ -51,14 +51,22 @@ void TracedWalls::crossings(const glm::dvec3& origin, const glm::dvec3& directio
                      [&](double lambda) { t.push_back(stretch->t(lambda)); });
 }
 
-LiftedView lift_view(const std::string& name, const Intrinsics& intrinsics, const Pose& world_from_cam,
-                     const DepthMap& depth, const glm::dvec3& shifted_centre_m) {
+LiftedMesh lift_towards(const Intrinsics& intrinsics, const Pose& world_from_cam, const DepthMap& depth,
+                        const glm::dvec3& shifted_centre_m) {
     LiftOptions options;
     options.baseline_m = glm::length(shifted_centre_m - world_from_cam.translation_m);
-    LiftedMesh mesh = lift(intrinsics, depth, options);
+    return lift(intrinsics, depth, options);
+}
+
+LiftedView build_view(const std::string& name, const Pose& world_from_cam, LiftedMesh mesh) {
     TracedScene kept(mesh.vertices, mesh.kept);
     TracedWalls torn(mesh);
     return {name, world_from_cam, std::move(mesh), std::move(kept), std::move(torn)};
+}
+
+LiftedView lift_view(const std::string& name, const Intrinsics& intrinsics, const Pose& world_from_cam,
+                     const DepthMap& depth, const glm::dvec3& shifted_centre_m) {
+    return build_view(name, world_from_cam, lift_towards(intrinsics, world_from_cam, depth, shifted_centre_m));
 }
 
 }  // namespace vshift

@@ -35,7 +35,14 @@ struct LiftedView {
     TracedWalls torn;
 };
 
-/// `shifted_centre_m`: V's centre in the world; sets the baseline of the tear rule.
+/// The depth map as a mesh, torn as V's distance asks. `shifted_centre_m`: V's centre in the world.
+LiftedMesh lift_towards(const Intrinsics& intrinsics, const Pose& world_from_cam, const DepthMap& depth,
+                        const glm::dvec3& shifted_centre_m);
+
+/// The mesh, ready to trace.
+LiftedView build_view(const std::string& name, const Pose& world_from_cam, LiftedMesh mesh);
+
+/// Both in one.
 LiftedView lift_view(const std::string& name, const Intrinsics& intrinsics, const Pose& world_from_cam,
                      const DepthMap& depth, const glm::dvec3& shifted_centre_m);
 

@@ -32,7 +32,7 @@ ordered_json row_of(const Request& request, const std::string& shift, const Answ
                         {"height", a.image.height},
                         {"read_ms", a.times.read_ms},
                         {"lift_ms", a.times.lift_ms},
-                        {"build_ms", 0.0},
+                        {"build_ms", a.times.build_ms},
                         {"cast_ms", a.times.cast_ms},
                         {"invalid_px", a.invalid_px},
                         {"sky_px", a.sky_px},
@@ -196,8 +196,9 @@ void run(const std::string& verb, const Options& options) {
                 write_image(file, chosen(a.image, options.channels), types_of(file));
                 rows.push_back(row_of(request, shift.name, a));
                 if (!item_folder.empty())
-                    manifest->record_done((item_folder / item).string(), verb,
-                                          (a.times.read_ms + a.times.lift_ms + a.times.cast_ms) / 1000);
+                    manifest->record_done(
+                        (item_folder / item).string(), verb,
+                        (a.times.read_ms + a.times.lift_ms + a.times.build_ms + a.times.cast_ms) / 1000);
             }
     progress.finish();
     if (!item_folder.empty()) {
