@@ -79,9 +79,9 @@ def strip(data, camera=None, shift=None, method=None, columns=4, jpeg=False):
         at, low = x, top + TOP + high + 8
         for name, colour in legend.items():
             draw.rectangle((at, low + 2, at + 13, low + 15), colour)
-            draw.text((at + 19, low - 1), name, SOFT, font(14))
-            at += 19 + draw.textlength(name, font(14)) + 16
-        draw.text((at, low - 1), note, SOFT, font(14))
+            draw.text((at + 19, low - 1), name, SOFT, font(13))
+            at += 19 + draw.textlength(name, font(13)) + 11
+        draw.text((at, low - 1), note, SOFT, font(13))
     content = io.BytesIO()
     out.save(content, **({"format": "JPEG", "quality": 88} if jpeg else {"format": "PNG", "optimize": True}))
     return content.getvalue()
