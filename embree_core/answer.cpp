@@ -140,7 +140,7 @@ Answer answer(const Recipe& recipe, const Request& request, FrameFiles& files) {
     meta["vshift:camera"] = own.name;
     meta["vshift:frame"] = std::to_string(request.frame);
     meta["vshift:shift_m"] = number(s.x) + " " + number(s.y) + " " + number(s.z);
-    meta["vshift:yaw_deg"] = number(request.shift.yaw_rad * (180 / 3.14159265358979323846));
+    meta["vshift:yaw_deg"] = number(request.shift.yaw_rad * degrees_per_radian);
     meta["vshift:from"] = request.from == Source::rig ? "rig" : "self";
     meta["vshift:method"] = request.method;
     meta["vshift:clear_m"] = number(request.clear_m);

@@ -63,8 +63,7 @@ public:
             const int reason = errno;
             if (descriptor_ >= 0 && reason == EINTR) {
                 ::close(descriptor_);
-                throw Error(ExitCode::interrupted,
-                            "interrupted: got a signal, expected to finish; what was written is whole");
+                throw interrupted_error();
             }
             if (descriptor_ >= 0) ::close(descriptor_);
             throw Error(ExitCode::io_failed,
@@ -90,8 +89,7 @@ std::string shift_name(const Shift& shift) {
         return std::string(value < 0 && hundredths ? "-" : "+") + std::to_string(hundredths / 100) + "." + digits;
     };
     const glm::dvec3& t = shift.translation_m;
-    return "x" + part(t.x) + "_y" + part(t.y) + "_z" + part(t.z) + "_yaw" +
-           part(shift.yaw_rad * (180 / 3.14159265358979323846));
+    return "x" + part(t.x) + "_y" + part(t.y) + "_z" + part(t.z) + "_yaw" + part(shift.yaw_rad * degrees_per_radian);
 }
 
 fs::path item_path(const std::string& shift, int frame, const std::string& camera) {
@@ -144,9 +142,10 @@ std::vector<NamedShift> Manifest::shifts() const {
             named.shift.translation_m[i] = s["shift"][size_t(i)];
         }
         if (s.contains("yaw_deg") && !s["yaw_deg"].is_number()) bad();
-        named.shift.yaw_rad = s.value("yaw_deg", 0.0) * (3.14159265358979323846 / 180);
+        named.shift.yaw_rad = s.value("yaw_deg", 0.0) * radians_per_degree;
         const glm::dvec3 t = glm::abs(named.shift.translation_m);
-        if (!(std::max({t.x, t.y, t.z}) <= 1e6 && std::abs(named.shift.yaw_rad) < 7)) bad();  // as in a request
+        if (!(std::max({t.x, t.y, t.z}) <= longest_shift_m && std::abs(named.shift.yaw_rad) < 7))
+            bad();                                         // as in a request
         if (named.name != shift_name(named.shift)) bad();  // names become folders: only those we make
         out.push_back(named);
     }
@@ -165,7 +164,7 @@ Shift Manifest::shift_of(const std::string& item, const Shift& named) const {
     Shift moved = named;
     for (size_t i = 0; i < 3; ++i) {
         if (!place.is_array() || place.size() != 3 || !place[i].is_number() ||
-            !(std::abs(place[i].get<double>()) <= 1e6))
+            !(std::abs(place[i].get<double>()) <= longest_shift_m))
             throw Error(ExitCode::bad_input, (folder_ / "manifest.json").string() + ": " + item +
                                                  ": moved_to: got something else, expected x,y,z in metres");
         moved.translation_m[int(i)] = place[i];

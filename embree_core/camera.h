@@ -9,6 +9,10 @@
 
 namespace vshift {
 
+/// For the places where a user gives or reads degrees.
+inline constexpr double radians_per_degree = 3.14159265358979323846 / 180;
+inline constexpr double degrees_per_radian = 180 / 3.14159265358979323846;
+
 /// Pinhole intrinsics without skew, in pixels; the image is [0, width) x [0, height).
 struct Intrinsics {
     int width = 0;

@@ -16,10 +16,6 @@ constexpr int corner_dy[4] = {0, 0, 1, 1};
 
 constexpr uint32_t none = 0xffffffffu;
 
-// Embree takes coordinates up to about 1e18; 1/z and its squares must stay normal floats.
-constexpr float sky_from_m = 1e12f;
-constexpr float invalid_below_m = 1e-12f;
-
 enum class Pixel { missing, invalid, sky, solid };
 
 /// The tears and 1/z of one depth map, and the rules by which surfaces end at a tear.
@@ -182,7 +178,6 @@ private:
         mesh_.vertices.push_back({float(p.x), float(p.y), float(p.z), 0});
         return uint32_t(mesh_.vertices.size() - 1);
     }
-    void triangle(std::vector<LiftedQuad>& to, uint32_t a, uint32_t b, uint32_t c) { to.push_back({a, b, c, c}); }
 
     /// The vertex half a pixel from (x, y) towards a neighbour, on (x, y)'s own surface.
     uint32_t half_edge(int x, int y, int dx, int dy) {
@@ -210,7 +205,10 @@ private:
                 ring[count++] = half_edge(x0, y0, corner_dx[n] - corner_dx[c], corner_dy[n] - corner_dy[c]);
         }
         const uint32_t centre = add_vertex(x + 1.0, y + 1.0, 4.0 / double(sum[0] + sum[1]));
-        for (size_t i = 0; i < count; ++i) triangle(mesh_.kept, centre, ring[i], ring[(i + 1) % count]);
+        for (size_t i = 0; i < count; ++i) {
+            const uint32_t next = ring[(i + 1) % count];
+            mesh_.kept.push_back({centre, ring[i], next, next});
+        }
     }
 
     void emit_split(int x, int y) {
@@ -272,12 +270,12 @@ LiftedMesh lift(const Intrinsics& intrinsics, const DepthMap& depth, const LiftO
     mesh.intrinsics = intrinsics;
     mesh.inverse_depth = Grid<float>(depth.width, depth.height);
     mesh.vertices.resize(depth.size());
-    float nearest_m = sky_from_m;
+    float nearest_m = 1e12f;
     for (int y = 0; y < depth.height; ++y) {
         for (int x = 0; x < depth.width; ++x) {
             const float z = depth.at(x, y);
-            const bool sky = z > sky_from_m;
-            const bool valid = z > invalid_below_m && !sky;
+            const bool sky = is_sky(z);
+            const bool valid = is_measured(z);
             mesh.sky_px += sky;
             mesh.invalid_px += !sky && !valid;
             mesh.inverse_depth.at(x, y) = sky ? 0.0f : valid ? 1.0f / z : std::numeric_limits<float>::quiet_NaN();

@@ -18,7 +18,6 @@ namespace fs = std::filesystem;
 
 constexpr size_t recipe_limit_bytes = size_t(64) << 20;
 constexpr int deepest_nesting = 16;
-constexpr double longest_shift_m = 1e6;
 
 const std::vector<std::string> request_keys = {"camera", "frame", "shift",        "yaw_deg", "out",
                                                "from",   "view",  "tolerance_px", "method",  "clear_m"};
@@ -297,6 +296,10 @@ std::string nearest_word(const std::string& word, const std::vector<std::string>
     return best;
 }
 
+fs::path Recipe::folder() const {
+    return file.parent_path().empty() ? fs::path(".") : file.parent_path();
+}
+
 const CameraSpec& Recipe::camera(const std::string& name) const {
     std::vector<std::string> names;
     for (const CameraSpec& c : cameras) {
@@ -409,7 +412,7 @@ void set_request_key(Request& request, const std::string& key, const std::string
             request.shift.translation_m[int(i)] = value;
         }
     } else if (key == "yaw_deg") {
-        request.shift.yaw_rad = number_from(-360, 360, "degrees from -360 to 360") * (3.14159265358979323846 / 180);
+        request.shift.yaw_rad = number_from(-360, 360, "degrees from -360 to 360") * radians_per_degree;
     } else if (key == "out") {
         request.out = one_of(known_outs);
     } else if (key == "from") {

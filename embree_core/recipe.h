@@ -38,6 +38,9 @@ struct FrameSpec {
     std::map<std::string, CameraInstant> cameras;
 };
 
+/// A longer shift along any axis is refused.
+inline constexpr double longest_shift_m = 1e6;
+
 /// Which cameras' geometry answers a request.
 enum class Source { self, rig };
 
@@ -60,6 +63,7 @@ struct Recipe {
     std::vector<FrameSpec> frames;
     Request defaults;
 
+    std::filesystem::path folder() const;  ///< where the recipe lies; "." when its name has no folder
     const CameraSpec& camera(const std::string& name) const;
     const FrameSpec& frame(int index) const;
     /// Absolute path of a camera's file in a frame; the pattern's %04d is the frame's index.

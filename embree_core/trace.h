@@ -47,7 +47,6 @@ public:
             t_min = double(hit.t) * (1 + 1e-6) + 1e-9;
         }
     }
-    bool empty() const { return impl_ == nullptr; }
 
 private:
     struct Impl;

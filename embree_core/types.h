@@ -31,6 +31,11 @@ private:
     ExitCode code_;
 };
 
+/// A signal came between two items.
+inline Error interrupted_error() {
+    return {ExitCode::interrupted, "interrupted: got a signal, expected to finish; what was written is whole"};
+}
+
 /// A row-major image plane, row 0 on top; pixel (x, y) has its centre at (x + 0.5, y + 0.5).
 template <class T>
 struct Grid {
@@ -47,6 +52,13 @@ struct Grid {
 
 /// Planar z in metres; +inf is sky; NaN, 0 and negative are "no measurement".
 using DepthMap = Grid<float>;
+inline bool is_sky(float depth_m) {
+    return depth_m > 1e12f;
+}
+/// Neither sky nor "no measurement". Below 1e-12 m, as above 1e12 m, 1/z and its square are no normal floats.
+inline bool is_measured(float depth_m) {
+    return depth_m > 1e-12f && !is_sky(depth_m);
+}
 /// Linear RGB.
 using ColorImage = Grid<glm::vec3>;
 /// 0 or 1 per pixel.

@@ -55,8 +55,7 @@ void catch_interrupts() {
 }
 
 void stop_if_interrupted() {
-    if (interrupted)
-        throw Error(ExitCode::interrupted, "interrupted: got a signal, expected to finish; what was written is whole");
+    if (interrupted) throw interrupted_error();
 }
 
 }  // namespace vshift::cli

@@ -63,14 +63,6 @@ std::string csv_of(const ordered_json& rows) {
     return text;
 }
 
-void make_folders(const fs::path& folder) {
-    std::error_code error;
-    fs::create_directories(folder, error);
-    if (error)
-        throw Error(ExitCode::io_failed,
-                    folder.string() + ": folder: got " + error.message() + ", expected to make it");
-}
-
 /// Text files come last: a folder that is not there is found out before the work.
 void require_folder(const std::string& file) {
     std::error_code error;
@@ -120,7 +112,7 @@ void run(const std::string& verb, const Options& options) {
     require_folder(options.csv);
 
     std::unique_ptr<Manifest> manifest;
-    const fs::path set_dir = recipe.file.parent_path().empty() ? fs::path(".") : recipe.file.parent_path();
+    const fs::path set_dir = recipe.folder();
     if (fs::symlink_status(set_dir / "manifest.json").type() != fs::file_type::not_found)
         manifest = std::make_unique<Manifest>(set_dir);
     std::vector<NamedShift> shifts{{shift_name(base.shift), base.shift}};

@@ -29,9 +29,8 @@ void run(const std::string& recipe_file) {
             progress.show(done++, total, camera.name);
             const DepthMap& depth = files.depth(camera.name, frame.index);
             for (float z : depth.data) {
-                const bool is_sky = z > 1e12f;
-                sky += is_sky;
-                invalid += !(z > 0) && !is_sky;
+                sky += is_sky(z);
+                invalid += !is_sky(z) && !is_measured(z);
             }
             pixels += depth.size();
             if (!camera.image.empty()) files.color(camera.name, frame.index);
@@ -41,7 +40,7 @@ void run(const std::string& recipe_file) {
                 recipe_file.c_str(), recipe.cameras.size(), recipe.frames.size(), (unsigned long long)pixels,
                 (unsigned long long)sky, (unsigned long long)invalid);
 
-    const fs::path folder = recipe.file.parent_path().empty() ? fs::path(".") : recipe.file.parent_path();
+    const fs::path folder = recipe.folder();
     if (fs::symlink_status(folder / "manifest.json").type() == fs::file_type::not_found) return;
     const SetCheck set = check_set(Manifest(folder), [&](size_t position, size_t count, const std::string& name) {
         stop_if_interrupted();

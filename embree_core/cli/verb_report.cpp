@@ -33,7 +33,7 @@ fs::path report_program() {
 
 void run(const Options& options) {
     const Recipe recipe = load_recipe(options.recipe);
-    const fs::path folder = recipe.file.parent_path().empty() ? fs::path(".") : recipe.file.parent_path();
+    const fs::path folder = recipe.folder();
     const char* chosen = std::getenv("VSHIFT_PYTHON");
     std::vector<std::string> words = {chosen && *chosen ? chosen : VSHIFT_PYTHON, report_program().string(),
                                       folder.string()};

@@ -55,7 +55,7 @@ void run(const Options& options) {
         return;
     }
     const Recipe recipe = load_recipe(options.recipe);
-    const fs::path folder = recipe.file.parent_path().empty() ? fs::path(".") : recipe.file.parent_path();
+    const fs::path folder = recipe.folder();
     Manifest manifest(folder);
     Progress progress("score");
     const ordered_json scores = score_set(recipe, manifest, [&](size_t done, size_t total, const std::string& what) {
@@ -68,11 +68,7 @@ void run(const Options& options) {
     if (in_set) {
         json = folder / "scores" / "scores.json";
         if (csv.empty()) csv = folder / "scores" / "scores.csv";
-        std::error_code error;
-        fs::create_directories(json.parent_path(), error);
-        if (error)
-            throw Error(ExitCode::io_failed,
-                        json.parent_path().string() + ": folder: got " + error.message() + ", expected to make it");
+        make_folders(json.parent_path());
     }
     write_text(json.string(), scores.dump(1) + "\n");
     if (!csv.empty()) write_text(csv.string(), scores_csv(scores));

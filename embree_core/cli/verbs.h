@@ -2,6 +2,7 @@
 // Role: the verbs of the command line. A verb reads its options and calls the library.
 #pragma once
 #include <CLI/CLI.hpp>
+#include <filesystem>
 #include <string>
 
 namespace vshift::cli {
@@ -14,5 +15,7 @@ void add_report_verb(CLI::App& app);
 
 /// A result as text: a whole file, or standard output when `file` is "-".
 void write_text(const std::string& file, const std::string& text);
+/// The folder and those above it. Throws Error io_failed.
+void make_folders(const std::filesystem::path& folder);
 
 }  // namespace vshift::cli

@@ -13,4 +13,12 @@ void write_text(const std::string& file, const std::string& text) {
         write_whole_file(file, text);
 }
 
+void make_folders(const std::filesystem::path& folder) {
+    std::error_code error;
+    std::filesystem::create_directories(folder, error);
+    if (error)
+        throw Error(ExitCode::io_failed,
+                    folder.string() + ": folder: got " + error.message() + ", expected to make it");
+}
+
 }  // namespace vshift::cli
