@@ -42,7 +42,28 @@ std::string matrix_text(const Pose& pose) {
     return text;
 }
 
+bool has_colors(const Request& request) {
+    return request.out == "warp";
+}
+
+/// Whose geometry answers the request.
+std::vector<const CameraSpec*> lifted_cameras(const Recipe& recipe, const Request& request) {
+    if (request.from == Source::self) return {&recipe.camera(request.camera)};
+    std::vector<const CameraSpec*> cameras;
+    for (const CameraSpec& camera : recipe.cameras) cameras.push_back(&camera);
+    return cameras;
+}
+
 }  // namespace
+
+std::vector<std::filesystem::path> input_files(const Recipe& recipe, const Request& request) {
+    std::vector<std::filesystem::path> files;
+    for (const CameraSpec* camera : lifted_cameras(recipe, request)) {
+        files.push_back(recipe.path(camera->depth, request.frame));
+        if (has_colors(request) && !camera->image.empty()) files.push_back(recipe.path(camera->image, request.frame));
+    }
+    return files;
+}
 
 void FrameFiles::keep_frame(int frame) {
     if (frame == frame_) return;
@@ -77,9 +98,9 @@ Answer answer(const Recipe& recipe, const Request& request, FrameFiles& files) {
     Answer out;
     LiftedRig rig;
     std::vector<ColorImage> images;
-    const bool colors = request.out == "warp";
-    for (const CameraSpec& camera : recipe.cameras) {
-        if (request.from == Source::self && camera.name != own.name) continue;
+    const bool colors = has_colors(request);
+    for (const CameraSpec* lifted : lifted_cameras(recipe, request)) {
+        const CameraSpec& camera = *lifted;
         auto start = Clock::now();
         const DepthMap& depth = files.depth(camera.name, request.frame);
         if (colors) images.push_back(files.color(camera.name, request.frame));
@@ -135,22 +156,22 @@ Answer answer(const Recipe& recipe, const Request& request, FrameFiles& files) {
     const glm::dvec3 s = request.shift.translation_m;
     const Intrinsics& k = own.intrinsics;
     auto& meta = image.metadata;
-    meta["vshift:version"] = version_string;
-    meta["vshift:out"] = request.out;
-    meta["vshift:camera"] = own.name;
-    meta["vshift:frame"] = std::to_string(request.frame);
-    meta["vshift:shift_m"] = number(s.x) + " " + number(s.y) + " " + number(s.z);
-    meta["vshift:yaw_deg"] = number(request.shift.yaw_rad * degrees_per_radian);
-    meta["vshift:from"] = request.from == Source::rig ? "rig" : "self";
-    meta["vshift:method"] = request.method;
-    meta["vshift:clear_m"] = number(request.clear_m);
-    meta["vshift:intrinsic"] =
+    meta["vshift.version"] = version_string;
+    meta["vshift.out"] = request.out;
+    meta["vshift.camera"] = own.name;
+    meta["vshift.frame"] = std::to_string(request.frame);
+    meta["vshift.shift_m"] = number(s.x) + " " + number(s.y) + " " + number(s.z);
+    meta["vshift.yaw_deg"] = number(request.shift.yaw_rad * degrees_per_radian);
+    meta["vshift.from"] = request.from == Source::rig ? "rig" : "self";
+    meta["vshift.method"] = request.method;
+    meta["vshift.clear_m"] = number(request.clear_m);
+    meta["vshift.intrinsic"] =
         number(k.fx) + " 0 " + number(k.cx) + " 0 " + number(k.fy) + " " + number(k.cy) + " 0 0 1";
     const Pose seen_from = request.out == "mask" ? own_view.world_from_cam : shifted.world_from_cam;
-    meta["vshift:worldToCamera"] = matrix_text(inverse(seen_from));
-    meta["vshift:invalid_px"] = std::to_string(out.invalid_px);
-    meta["vshift:sky_px"] = std::to_string(out.sky_px);
-    meta["vshift:centre_hidden"] = out.centre_hidden ? "1" : "0";
+    meta["vshift.worldToCamera"] = matrix_text(inverse(seen_from));
+    meta["vshift.invalid_px"] = std::to_string(out.invalid_px);
+    meta["vshift.sky_px"] = std::to_string(out.sky_px);
+    meta["vshift.centre_hidden"] = out.centre_hidden ? "1" : "0";
     return out;
 }
 

@@ -39,6 +39,10 @@ struct Answer {
     AnswerTimes times;
 };
 
+/// The files that an answer is made from: depth maps, and pictures where it has colours. `request.camera`
+/// names one camera.
+std::vector<std::filesystem::path> input_files(const Recipe& recipe, const Request& request);
+
 /// `request.camera` names one camera. Throws Error (recipe, files, sizes).
 Answer answer(const Recipe& recipe, const Request& request, FrameFiles& files);
 

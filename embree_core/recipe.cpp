@@ -444,6 +444,26 @@ Request resolve_request(const Recipe& recipe, const std::vector<std::pair<std::s
     return request;
 }
 
+std::string canonical_text(const Request& request) {
+    const auto number = [](double value) {
+        char text[32];
+        const auto [end, error] = std::to_chars(text, text + sizeof text, value == 0 ? 0.0 : value);  // no -0
+        return std::string(text, end);
+    };
+    const glm::dvec3 s = request.shift.translation_m;
+    std::string text = "camera=" + (request.camera.empty() ? "*" : request.camera);
+    text += "&frame=" + std::to_string(request.frame);
+    text += "&shift=" + number(s.x) + "," + number(s.y) + "," + number(s.z);
+    text += "&yaw_deg=" + number(request.shift.yaw_rad * degrees_per_radian);
+    text += "&out=" + request.out;
+    text += std::string("&from=") + (request.from == Source::rig ? "rig" : "self");
+    if (!request.view.empty()) text += "&view=" + request.view;
+    text += "&tolerance_px=" + number(request.tolerance_px);
+    text += "&method=" + request.method;
+    text += "&clear_m=" + number(request.clear_m);
+    return text;
+}
+
 std::vector<std::string> requested_cameras(const Recipe& recipe, const Request& request) {
     if (!request.camera.empty() && request.camera != "*") return {request.camera};
     std::vector<std::string> names;

@@ -82,6 +82,10 @@ Request resolve_request(const Recipe& recipe, const std::vector<std::pair<std::s
 /// The request with `text` set as its `key`: the one parser of request values.
 void set_request_key(Request& request, const std::string& key, const std::string& text, const std::string& where);
 
+/// Every key of a request with its value, `camera=A&frame=0&shift=0,1,0&...`: two requests that ask for the
+/// same have the same text, and `resolve_request` takes it back.
+std::string canonical_text(const Request& request);
+
 /// Cameras that a request asks for: the one it names, or all.
 std::vector<std::string> requested_cameras(const Recipe& recipe, const Request& request);
 

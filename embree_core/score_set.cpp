@@ -119,10 +119,10 @@ Rows score_mask_item(const Item& item, const fs::path& got_file, const fs::path&
     row["visible_wrong"] = count(combine(certain, true_lost, [](bool a, bool b) { return a && b; }));
     row["visible_unseen"] = count(visible) - count(certain);
     row["unknown"] = count(unknown);
-    const std::string invalid = got.metadata.contains("vshift:invalid_px") ? got.metadata.at("vshift:invalid_px") : "0";
+    const std::string invalid = got.metadata.contains("vshift.invalid_px") ? got.metadata.at("vshift.invalid_px") : "0";
     if (invalid.empty() || invalid.size() > 12 || invalid.find_first_not_of("0123456789") != std::string::npos)
         throw Error(ExitCode::bad_input,
-                    got_file.string() + ": vshift:invalid_px: got '" + invalid + "', expected a number of pixels");
+                    got_file.string() + ": vshift.invalid_px: got '" + invalid + "', expected a number of pixels");
     row["invalid"] = std::stoll(invalid);
     rows.certificates.push_back(std::move(row));
     return rows;

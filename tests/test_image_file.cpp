@@ -143,7 +143,7 @@ TEST_CASE("EXR float keeps every bit, names and metadata", "[image_file]") {
     image.planes[3][1] = std::numeric_limits<float>::quiet_NaN();
     image.planes[3][2] = 1234.5678f;
     image.planes[3][3] = -0.0f;
-    image.metadata["vshift:camera"] = "CAM_FRONT";
+    image.metadata["vshift.camera"] = "CAM_FRONT";
     image.metadata["compression"] = "none";  // describes the encoding: not taken from metadata
     write_image(dir / "a.exr", image);
     const Channels back = read_image(dir / "a.exr");
@@ -151,7 +151,7 @@ TEST_CASE("EXR float keeps every bit, names and metadata", "[image_file]") {
     REQUIRE(back.height == 23);
     CHECK(back.names.size() == 6);
     for (size_t c = 0; c < image.names.size(); ++c) CHECK(same_bits(back.plane(image.names[c]), image.planes[c]));
-    CHECK(back.metadata.at("vshift:camera") == "CAM_FRONT");
+    CHECK(back.metadata.at("vshift.camera") == "CAM_FRONT");
     CHECK(back.metadata.count("DateTime") == 0);
     CHECK(back.metadata.count("capDate") == 0);
     CHECK(dir.count() == 1);
@@ -438,7 +438,7 @@ TEST_CASE("channels are looked up strictly, and the nearest is named", "[image_f
 TEST_CASE("the same pixels give the same bytes", "[image_file]") {
     Folder dir;
     Channels image = sample_image(200, 150, {"R", "G", "B"});
-    image.metadata["vshift:shift"] = "0,1,0";
+    image.metadata["vshift.shift"] = "0,1,0";
     const std::vector<std::string> names = {"a.exr", "a.png", "a.pfm", "a.npy"};
     std::vector<std::string> first;
     for (const std::string& name : names) {

@@ -37,7 +37,7 @@ def exr(path, channels, **attributes):
     spec = oiio.ImageSpec(planes.shape[1], planes.shape[0], planes.shape[2], "float")
     spec.channelnames = tuple(channels)
     for key, value in attributes.items():
-        spec.attribute(key.replace("__", ":"), value)
+        spec.attribute(key.replace("__", "."), value)
     out = oiio.ImageOutput.create(str(path))
     assert out and out.open(str(path), spec) and out.write_image(planes) and out.close(), oiio.geterror()
 

@@ -296,7 +296,7 @@ SETS = [
     ("truth of another size", files(scored(), lambda b: exr(next((b / "truth").rglob("*.exr")), {"lost": np.zeros((5, 5))})), "score r.vshift", 3, r".*A\.exr: size: got 64x36, expected 5x5"),
     ("truth without channels", files(scored(), lambda b: exr(next((b / "truth").rglob("*.exr")), {"lost": np.zeros((HEIGHT, WIDTH))})), "score r.vshift", 3, r".*truth/.*A\.exr: channel: got .*, expected one of lost"),
     ("mask cut", files(scored(), lambda b: halve(next((b / "masks").rglob("*.exr")))), "score r.vshift", 3, r".*masks/.*A\.exr: .*: got .*, expected"),
-    ("mask's count is text", scored(vshift__invalid_px="many"), "score r.vshift", 3, r".*A\.exr: vshift:invalid_px: got .*many.*, expected"),
+    ("mask's count is text", scored(vshift__invalid_px="many"), "score r.vshift", 3, r".*A\.exr: vshift.invalid_px: got .*many.*, expected"),
     ("run.json is text", files(scored(), write(RUN_JSON, b"hello")), "score r.vshift", 3, r".*run\.json: .*: got .*, expected"),
     ("run.json is a number", files(scored(), write(RUN_JSON, b"5")), "score r.vshift", 3, r".*run\.json: .*: got .*, expected"),
     ("pair without truth", good, "score --got frames/0000/A.exr", 3, "usage: got .*, expected RECIPE, or --got"),
