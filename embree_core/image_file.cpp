@@ -26,6 +26,9 @@ using formats::Stored;
 
 namespace {
 
+/// EXR: without a date OIIO writes the clock's, and no two files would be the same. OIIO 3.1 drops empty
+/// strings with a complaint on stderr.
+constexpr const char* no_date = " ";
 constexpr size_t head_bytes = 65536;
 /// An honest file is hardly larger than its samples: float64 NPY is the largest there is.
 constexpr size_t max_file_bytes = 2 * max_decoded_bytes + (size_t(64) << 20);
@@ -185,7 +188,7 @@ void decode_oiio(const fs::path& file, const std::string& bytes, const std::vect
         const std::string key = attribute.name().string();
         if (attribute.type() != OIIO::TypeString || is_encoding_key(key)) continue;
         const std::string value = attribute.get_string();
-        if (key != "DateTime" || !value.empty()) out.image.metadata[key] = value;
+        if (key != "DateTime" || value != no_date) out.image.metadata[key] = value;
     }
     in->close();
     in->geterror();  // nothing may stay pending: it would be printed
@@ -336,11 +339,10 @@ std::string encode_oiio(const fs::path& file, const Channels& image, const std::
         }
     }
     for (const auto& [key, value] : image.metadata)
-        if (!is_encoding_key(key)) spec.attribute(key, value);
+        if (!value.empty() && !is_encoding_key(key)) spec.attribute(key, value);
     if (exr) {
         spec.attribute("compression", "zip");
-        // Without a date OIIO writes the clock's, and no two files would be the same.
-        if (!image.metadata.count("DateTime")) spec.attribute("DateTime", "");
+        if (!spec.find_attribute("DateTime")) spec.attribute("DateTime", no_date);
     }
     spec.attribute("oiio:UnassociatedAlpha", 1);  // samples go out as they are
     const auto refuse = [&] {
