@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// vshift check: a recipe and the files it names, or a whole set by its hashes.
+// vshift check: a recipe and the files it names, or a whole set by its hashes; --plugin: an installed plugin.
 #include <cstdio>
 #include <memory>
 
 #include "embree_core/answer.h"
 #include "embree_core/benchmark_set.h"
+#include "embree_core/cli/plugin_check.h"
 #include "embree_core/cli/progress.h"
 #include "embree_core/cli/verbs.h"
 #include "embree_core/trace.h"
@@ -58,11 +59,28 @@ void run(const std::string& recipe_file) {
 }  // namespace
 
 void add_check_verb(CLI::App& app) {
-    CLI::App* sub =
-        app.add_subcommand("check", "Validates a recipe and every file it names; a set's files by their sha256");
+    CLI::App* sub = app.add_subcommand(
+        "check", "Validates a recipe and every file it names, a set's files by their sha256; or an installed plugin");
     auto recipe = std::make_shared<std::string>();
-    sub->add_option("recipe", *recipe, "the .vshift recipe")->required();
-    sub->callback([recipe] { run(*recipe); });
+    auto plugin = std::make_shared<std::string>();
+    const CLI::Option* named = sub->add_option("recipe", *recipe, "the .vshift recipe");
+    const CLI::Option* wanted =
+        sub->add_option(
+               "--plugin", *plugin,
+               "instead: what keeps oiiotool from using the plugin, step by step with what to do; default: the "
+               "one on OIIO_LIBRARY_PATH, else the one in ../lib beside this program")
+            ->type_name("[FOLDER_OR_FILE]")
+            ->expected(0, 1);
+    sub->callback([=] {
+        if ((named->count() > 0) == (wanted->count() > 0))
+            throw Error(ExitCode::bad_input, "usage: check: got " +
+                                                 std::string(named->count() > 0 ? "both" : "neither") +
+                                                 " of a recipe and --plugin, expected one of them");
+        if (wanted->count() > 0)
+            check_plugin(*plugin);
+        else
+            run(*recipe);
+    });
 }
 
 }  // namespace vshift::cli

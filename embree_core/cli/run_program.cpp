@@ -1,0 +1,131 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "embree_core/cli/run_program.h"
+
+#include <fcntl.h>
+#include <poll.h>
+#include <signal.h>
+#include <spawn.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <chrono>
+#include <cstring>
+
+#include "embree_core/cli/progress.h"
+
+namespace vshift::cli {
+namespace {
+
+constexpr size_t output_limit_bytes = size_t(1) << 20;
+
+/// A started program and our end of its output; neither outlives this object.
+struct Child {
+    pid_t id = -1;
+    int pipe = -1, status = 0;
+    bool ended = false;
+    ~Child() {
+        ::close(pipe);
+        if (id <= 0 || ended) return;
+        ::kill(-id, SIGKILL);
+        while (::waitpid(id, &status, 0) < 0 && errno == EINTR) continue;
+    }
+    bool has_ended() { return ended = ended || ::waitpid(id, &status, WNOHANG) == id; }
+};
+
+std::vector<char*> pointers(Words& words) {
+    std::vector<char*> out;
+    for (std::string& word : words) out.push_back(word.data());
+    out.push_back(nullptr);
+    return out;
+}
+
+void add_environment(Words& settings) {
+    const size_t given = settings.size();
+    for (char** v = environ; *v; ++v) {
+        const std::string name(*v, std::strcspn(*v, "="));
+        if (std::none_of(settings.begin(), settings.begin() + long(given),
+                         [&](const std::string& s) { return s.compare(0, s.find('='), name) == 0; }))
+            settings.emplace_back(*v);
+    }
+}
+
+/// Starts the program in a process group of its own, its output going to `output`. 0 or an error number.
+int start(Child& child, Words words, Words settings, const std::filesystem::path& folder, int output) {
+    posix_spawn_file_actions_t actions;
+    posix_spawnattr_t attributes;
+    posix_spawn_file_actions_init(&actions);
+    posix_spawnattr_init(&attributes);
+    posix_spawn_file_actions_addchdir_np(&actions, folder.c_str());
+    posix_spawn_file_actions_adddup2(&actions, output, STDOUT_FILENO);
+    posix_spawn_file_actions_adddup2(&actions, output, STDERR_FILENO);
+    posix_spawn_file_actions_addopen(&actions, STDIN_FILENO, "/dev/null", O_RDONLY, 0);
+    posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);
+    const int error = ::posix_spawn(&child.id, words[0].c_str(), &actions, &attributes, pointers(words).data(),
+                                    pointers(settings).data());
+    if (error) child.id = -1;
+    posix_spawnattr_destroy(&attributes);
+    posix_spawn_file_actions_destroy(&actions);
+    return error;
+}
+
+}  // namespace
+
+Words split(const std::string& text, const char* separators) {
+    Words parts;
+    for (size_t at = 0; at < text.size();) {
+        const size_t end = std::min(text.find_first_of(separators, at), text.size());
+        if (end > at) parts.push_back(text.substr(at, end - at));
+        at = end + 1;
+    }
+    return parts;
+}
+
+std::string ProgramRun::told() const {
+    const Words lines = split(output, "\n");
+    return lines.empty() ? ending : ending + ", saying '" + lines.back().substr(0, 300) + "'";
+}
+
+ProgramRun run_program(Words words, Words settings, const std::filesystem::path& folder) {
+    add_environment(settings);
+    ProgramRun run;
+    int ends[2];
+    if (::pipe2(ends, O_CLOEXEC) != 0) {
+        run.ending = std::string("no pipe: ") + std::strerror(errno);
+        return run;
+    }
+    Child child;
+    child.pipe = ends[0];
+    const int error = start(child, std::move(words), std::move(settings), folder, ends[1]);
+    ::close(ends[1]);
+    if (error) {
+        run.ending = std::string("not started: ") + std::strerror(error);
+        return run;
+    }
+    const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(program_time_limit_s);
+    for (bool open = true; open || !child.has_ended();) {
+        stop_if_interrupted();
+        if (std::chrono::steady_clock::now() > deadline) {
+            run.ending = "no end within " + std::to_string(program_time_limit_s) + " s";
+            return run;
+        }
+        pollfd output = {open ? child.pipe : -1, POLLIN, 0};
+        if (::poll(&output, 1, open ? 100 : 2) <= 0) continue;
+        char bytes[65536];
+        const ssize_t got = ::read(child.pipe, bytes, sizeof bytes);
+        if (got < 0 && errno == EINTR) continue;
+        open = got > 0;
+        if (open) run.output.append(bytes, std::min(size_t(got), output_limit_bytes - run.output.size()));
+    }
+    if (WIFSIGNALED(child.status)) {
+        const int number = WTERMSIG(child.status);
+        run.ending = "signal " + std::to_string(number) + " (" + ::strsignal(number) + ")";
+    } else {
+        run.code = WEXITSTATUS(child.status);
+        run.ending = "exit status " + std::to_string(run.code);
+    }
+    return run;
+}
+
+}  // namespace vshift::cli

@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: Apache-2.0
+// Role: another program, run without a shell, with bounded time and output.
+#pragma once
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace vshift::cli {
+
+using Words = std::vector<std::string>;
+
+/// The parts of `text` between any of `separators`; empty parts are left out.
+Words split(const std::string& text, const char* separators);
+
+inline constexpr int program_time_limit_s = 20;
+
+struct ProgramRun {
+    int code = -1;       ///< exit status; -1: not started, ended by a signal, or by the time limit
+    std::string ending;  ///< the same in words
+    std::string output;  ///< standard output and error together, their first MiB
+
+    std::string told() const;  ///< `ending`, and the last line of the output
+};
+
+/// Runs `words` (the program by its path, then its arguments) in `folder` with `settings`, each NAME=VALUE,
+/// laid over this process's environment and nothing on its standard input. It and what it started are killed
+/// after `program_time_limit_s`, and when a signal comes for us (then throws Error interrupted).
+ProgramRun run_program(Words words, Words settings, const std::filesystem::path& folder = ".");
+
+}  // namespace vshift::cli
