@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "embree_core/answer.h"
 
+#include <charconv>
 #include <chrono>
 #include <cmath>
 
@@ -23,10 +24,7 @@ std::vector<float> plane_of(const Mask& mask) {
 
 std::string number(double value) {
     char text[32];
-    std::snprintf(text, sizeof text, "%.9g", value);
-    for (char& c : text)
-        if (c == ',') c = '.';  // a host may have set a locale
-    return text;
+    return {text, std::to_chars(text, text + sizeof text, value, std::chars_format::general, 9).ptr};
 }
 
 /// Row-major numbers of a 4x4 camera_from_world, separated by spaces.

@@ -12,10 +12,11 @@
 #include <filesystem>
 #include <mutex>
 #include <new>
+#include <numeric>
 #include <set>
 #include <sstream>
 
-#include "embree_core/version.h"
+#include "embree_core/printable.h"
 #include "oiio_plugin/answer_cache.h"
 
 namespace vshift::oiio {
@@ -71,14 +72,26 @@ bool matrix_of(const std::string& text, float (&matrix)[16]) {
     return true;
 }
 
+/// Positions of the channels in the order in which OIIO gives those of an EXR (colours, Z, then by name), so that an
+/// answer and the command line's file of it compare channel by channel.
+std::vector<size_t> channel_order(const std::vector<std::string>& names) {
+    std::vector<size_t> order(names.size());
+    std::iota(order.begin(), order.end(), size_t(0));
+    const auto rank = [&](size_t c) { return std::pair(std::string("RGBAZ").find(names[c]), names[c]); };
+    std::sort(order.begin(), order.end(), [&](size_t a, size_t b) { return rank(a) < rank(b); });
+    return order;
+}
+
 OIIO::ImageSpec spec_of(const Answer& answer) {
     const Channels& image = answer.image;
     OIIO::ImageSpec spec(image.width, image.height, int(image.names.size()), OIIO::TypeFloat);
-    spec.channelnames.assign(image.names.begin(), image.names.end());
+    spec.channelnames.clear();
     spec.alpha_channel = -1;
     spec.z_channel = -1;
-    for (size_t c = 0; c < image.names.size(); ++c)
-        if (image.names[c] == "Z") spec.z_channel = int(c);
+    for (const size_t c : channel_order(image.names)) {
+        if (image.names[c] == "Z") spec.z_channel = int(spec.channelnames.size());
+        spec.channelnames.push_back(image.names[c]);
+    }
     for (const auto& [name, text] : image.metadata) spec.attribute(name, text);
     if (const auto camera = image.metadata.find("vshift.camera"); camera != image.metadata.end())
         spec.attribute("oiio:subimagename", camera->second);
@@ -129,8 +142,7 @@ public:
             reason = recipe_file + ": internal: got an unknown exception, expected none (please report this)";
         }
         answers_.clear();
-        for (char& c : reason)
-            if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = '?';
+        reason = printable(reason);
         errorfmt("{}", reason);
         if (name.size() != recipe_file.size()) tell(reason);
         return false;
@@ -179,9 +191,10 @@ public:
         }
         const size_t first = size_t(ybegin) * size_t(image.width), count = size_t(yend - ybegin) * size_t(image.width);
         const size_t channels = size_t(chend - chbegin);
+        const std::vector<size_t> order = channel_order(image.names);
         auto* out = static_cast<float*>(data);
         for (size_t c = 0; c < channels; ++c) {
-            const float* plane = image.planes[size_t(chbegin) + c].data() + first;
+            const float* plane = image.planes[order[size_t(chbegin) + c]].data() + first;
             for (size_t i = 0; i < count; ++i) out[i * channels + c] = plane[i];
         }
         return true;

@@ -5,6 +5,7 @@
 
 #include "embree_core/cli/progress.h"
 #include "embree_core/cli/verbs.h"
+#include "embree_core/printable.h"
 #include "embree_core/recipe.h"
 #include "embree_core/trace.h"
 #include "embree_core/types.h"
@@ -35,10 +36,8 @@ std::string unknown_word(const CLI::App& app) {
 
 int main(int argc, char** argv) {
     using namespace vshift;
-    const auto fail = [](ExitCode code, std::string message) {
-        for (char& c : message)
-            if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = '?';  // one line, whatever a name holds
-        std::fprintf(stderr, "vshift: %s\n", message.c_str());
+    const auto fail = [](ExitCode code, const std::string& message) {
+        std::fprintf(stderr, "vshift: %s\n", printable(message).c_str());
         return int(code);
     };
     try {
