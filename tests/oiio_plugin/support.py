@@ -67,9 +67,9 @@ class Result:
 
 @functools.lru_cache(None)
 def sanitizer():
-    """The sanitizer's library that the plugin is linked to; a host that is not must load it first."""
+    """What a host that is not sanitized must load first: the plugin's sanitizer and, for its sake, the C++ library."""
     linked = subprocess.run(["ldd", PLUGIN_DIR / PLUGIN], capture_output=True, text=True).stdout
-    return re.search(r"libasan\S* => (\S+)", linked)[1]
+    return ":".join(re.search(rf"{name}\S* => (\S+)", linked)[1] for name in ("libasan", r"libstdc\+\+"))
 
 
 def environment(plugin=True, **changes):
@@ -100,10 +100,14 @@ def run(words, folder=None, env=None, limit_s=TIME_LIMIT_S):
 
 
 def without_host_leaks(err):
-    """stderr without leak reports that never touch the plugin; raises on everything else a sanitizer says."""
+    """stderr without leak reports of the host alone; raises on everything else that a sanitizer says.
+
+    A record that starts in the plugin's create function is the host's: OpenImageIO 2.4's Python never frees an input, of
+    any format. Indirect leaks hang on a direct one.
+    """
     head, *leaks = re.split(r"(?m)^=+\n==\d+==ERROR: LeakSanitizer.*\n", err)
-    records = [r for leak in leaks for r in re.split(r"\n\n", leak) if "leak of" in r]
-    ours = [r for r in records if PLUGIN in r]
+    records = [r for leak in leaks for r in leak.split("\n\n") if "Direct leak of" in r]
+    ours = [r for r in records if re.search("vshift|oiio_plugin/|embree_core/", r) and "vshift_input_imageio_create" not in r]
     if ours or "AddressSanitizer" in head or "runtime error:" in head:
         raise AssertionError("sanitizer: " + (ours[0] if ours else head)[:4000])
     return head

@@ -14,7 +14,7 @@ MINIMAL = (
 )
 LARGE = (
     ("mask", "camera=CAM_FRONT&shift=0,2,0"),
-    ("holes", "camera=CAM_LEFT&shift=0.5,-1,0&from=rig"),
+    ("holes", "camera=CAM_LEFT&shift=0.5,-1,0"),
     ("warp", "camera=CAM_FRONT&shift=0,1,0&yaw_deg=2"),
 )
 
@@ -30,7 +30,6 @@ class Agree(Case):
         name, wanted, got = f"{recipe}?{request}&out={verb}", f"{number}_program.exr", f"{number}_tool.exr"
         self.program(folder, recipe, verb, request, wanted)
         self.ran("oiiotool", name, "-o", got, folder=folder)
-        self.same_pixels(wanted, got, folder)
         want, _ = pixels(folder / wanted)
         have, spec = pixels(folder / got)
         self.assertEqual(tuple(have), CHANNELS[verb])
@@ -83,4 +82,5 @@ class Large(Agree):
         street.write(self.folder)
         for number, (verb, request) in enumerate(LARGE):
             with self.subTest(verb, request=request):
-                self.agrees(number, self.folder, "street.vshift", verb, request)
+                _, wanted = self.agrees(number, self.folder, "street.vshift", verb, request)
+                self.same_pixels(wanted, f"{number}_tool.exr")
