@@ -37,6 +37,28 @@ seen.append(total())
 print(json.dumps(seen))
 """
 
+# ImageInput.open holds Python's lock while it works; ImageBuf.read does not, but its constructor looks at the file. So the
+# recipe comes between the two. And one name is opened once by OpenImageIO's own cache: the same request is written in
+# eight ways (1, 1.0, 1.00 ...), so that eight threads meet in the plugin.
+TOGETHER = """
+import os, threading, hashlib
+import OpenImageIO as oiio
+oiio.ImageBuf(oiio.ImageSpec(1, 1, 1, "float")).get_pixels("float")
+config = oiio.ImageSpec()
+images = [oiio.ImageBuf(f"late.vshift?shift=0,{1 + i % 2}." + "0" * (i + 1) + ",0", 0, 0, config) for i in range(8)]
+os.link("box.vshift", "late.vshift")
+start, done = threading.Barrier(9), [None] * 8
+def work(i):
+    start.wait()
+    done[i] = images[i].read(0, 0, True)
+threads = [threading.Thread(target=work, args=(i,)) for i in range(8)]
+for thread in threads: thread.start()
+start.wait()
+for thread in threads: thread.join()
+assert all(done), images[0].geterror()
+print(len({hashlib.sha256(image.get_pixels("float").tobytes()).hexdigest() for image in images}))
+"""
+
 GROWTH = """
 import sys
 import OpenImageIO as oiio
@@ -100,6 +122,14 @@ class Cache(Case):
             self.assertEqual(len(result.computed), 3, f"8 threads, run {repeat}{result}")
             for images in many:
                 self.assertEqual(images, single)
+
+    def test_threads_at_once(self):
+        """Two requests, each from four threads that are all inside the plugin at the same time."""
+        for repeat in range(2):
+            (self.folder / "late.vshift").unlink(missing_ok=True)
+            result = python(TOGETHER, self.folder, environment(**LOGGED))
+            self.assertEqual((result.code, result.out.strip()), (0, "2"), result)
+            self.assertEqual(len(result.computed), 2, f"run {repeat}{result}")
 
     def test_threads_and_an_error(self):
         """Eight threads wait for an answer that fails: each gets the reason, none hangs."""
