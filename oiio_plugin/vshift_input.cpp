@@ -208,7 +208,7 @@ private:
             const std::string name = attribute.name().string();
             if (name.rfind("vshift:", 0) != 0) continue;
             if (name == "vshift:cache_mb")
-                cache().set_limit(size_t(std::clamp(attribute.get_float(1024), 0.0f, 1e6f) * (1 << 20)));
+                cache().set_limit(size_t(std::clamp(attribute.get_float(float(attribute.get_int(1024))), 0.0f, 1e6f) * (1 << 20)));
             else
                 defaults.emplace_back(name.substr(std::strlen("vshift:")), attribute.get_string());
         }
