@@ -44,10 +44,10 @@ class SideBySide(unittest.TextTestRunner):
         begin, classes = time.monotonic(), {}
         for test in cases(suite):
             classes.setdefault(type(test), []).append(test)
-        largest_first = sorted(classes.values(), key=len, reverse=True)
+        longest_first = sorted(classes.values(), key=lambda tests: getattr(type(tests[0]), "about_s", len(tests)), reverse=True)
         total = self._makeResult()
-        with ThreadPoolExecutor(min(4, os.cpu_count() or 1)) as pool:
-            for result, text in pool.map(self.one_class, largest_first):
+        with ThreadPoolExecutor(min(4, 1 + (os.cpu_count() or 1))) as pool:
+            for result, text in pool.map(self.one_class, longest_first):
                 self.stream.write(text)
                 total.testsRun += result.testsRun
                 for kind in ("failures", "errors", "skipped", "expectedFailures", "unexpectedSuccesses"):

@@ -45,6 +45,8 @@ print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
 
 
 class Citizen(Case):
+    about_s = 20     # valgrind
+
     @classmethod
     def setUpClass(cls):
         super().setUpClass()
@@ -70,14 +72,6 @@ class Citizen(Case):
     def test_error_leaves_stdout_alone(self):
         result = run(["oiiotool", "box.vshift?shift=1", "-o", "none.exr"], self.folder)
         self.assertEqual((result.code, result.out), (1, ""), result)
-
-    def test_image_through_a_pipe(self):
-        """stdout may be the picture itself."""
-        data = subprocess.run(["oiiotool", "box.vshift?shift=0,1,0", "--ch", "lost", "-o", "-.pfm"], cwd=self.folder,
-                              env=environment(), capture_output=True)
-        if not data.stdout:
-            self.skipTest("this oiiotool cannot write to stdout")
-        self.assertEqual(data.stdout[:3], b"Pf\n", data.stderr)
 
     def test_threads(self):
         """After close there are the host's threads, as an EXR leaves them, and no other."""

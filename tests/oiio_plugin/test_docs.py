@@ -56,6 +56,8 @@ def prepare(folder):
 
 
 class Examples(Case):
+    about_s = 15     # for run_tests.py, which starts long classes first
+
     @classmethod
     def setUpClass(cls):
         super().setUpClass()

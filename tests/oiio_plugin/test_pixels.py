@@ -41,6 +41,8 @@ class Agree(Case):
 
 
 class Minimal(Agree):
+    about_s = 15     # for run_tests.py, which starts long classes first
+
     def test_scenes(self):
         names, files = [], []
         for number, (which, verb, request) in enumerate(MINIMAL):
@@ -78,6 +80,8 @@ class Minimal(Agree):
 
 
 class Large(Agree):
+    about_s = 15
+
     def test_1600x900(self):
         street.write(self.folder)
         for number, (verb, request) in enumerate(LARGE):
