@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // vshift-scenes: writes minimal scenes as recipes with exact images, depth and expected masks, and
-// prints their closed forms as JSON.
+// prints their closed forms as JSON; writes analytic streets as recipes with colour and exact depth.
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
@@ -11,6 +12,8 @@
 
 #include "embree_core/c_api.h"
 #include "embree_core/image_file.h"
+#include "embree_core/srgb.h"
+#include "scenes/analytic/analytic_street.h"
 #include "scenes/minimal/minimal.h"
 
 namespace vshift::minimal {
@@ -24,7 +27,10 @@ struct Options {
     fs::path folder;
     Size size;
     uint32_t seed = 1;
+    int frames = 1, samples = 2;  // of the analytic street
 };
+
+constexpr const char* street_name = "analytic_street";
 
 std::string frame_folder(size_t index) {
     char text[32];
@@ -196,15 +202,68 @@ Json write_scene(const Options& options, const fs::path& folder) {
     return known;
 }
 
+/// The rig's six pictures side by side as they look round the car, at most 640 px wide each, sRGB.
+void write_preview(const fs::path& file, const std::vector<ColorImage>& pictures) {
+    const int by[6] = {1, 0, 2, 4, 3, 5};  // column and row of each camera: front row, back row
+    const int step = (pictures[0].width + 639) / 640, w = pictures[0].width / step, h = pictures[0].height / step;
+    ColorImage all(3 * w, 2 * h);
+    for (size_t c = 0; c < pictures.size(); ++c)
+        for (int y = 0; y < h; ++y)
+            for (int x = 0; x < w; ++x) {
+                glm::vec3 sum(0);
+                for (int i = 0; i < step * step; ++i) sum += pictures[c].at(x * step + i % step, y * step + i / step);
+                for (int i = 0; i < 3; ++i) sum[i] = float(srgb_from_linear(double(sum[i]) / (step * step)));
+                all.at(by[c] % 3 * w + x, by[c] / 3 * h + y) = sum;
+            }
+    Channels image = sized(all.width, all.height);
+    add_color(image, all);
+    write_image(file, image, {SampleType::uint8});
+}
+
+/// Writes an analytic street and returns its counts.
+Json write_street(const Options& options) {
+    const analytic::StreetScene street = analytic::build_street(options.seed);
+    const std::vector<analytic::RigCamera> rig = analytic::six_camera_rig(options.size.width, options.size.height);
+    MinimalScene set;  // what the recipe needs of one
+    set.name = street_name;
+    set.shift.translation_m = {0, 1, 0};
+    for (const analytic::RigCamera& c : rig) set.rig.push_back({c.name, c.intrinsics, c.ego_from_cam});
+    for (int f = 0; f < options.frames; ++f) {
+        set.frames.push_back(analytic::ego_pose(f));
+        const fs::path into = options.folder / "frames" / frame_folder(size_t(f));
+        fs::create_directories(into);
+        std::vector<ColorImage> pictures;
+        for (const analytic::RigCamera& c : rig) {
+            const TrueCamera camera = analytic::recorded_camera(c, f);
+            pictures.push_back(analytic::street_color(street, camera, options.samples));
+            write_view(into, c.name, {pictures.back(), cast_camera(street.scene, camera).depth, {}}, options.depth);
+        }
+        if (f == 0) write_preview(options.folder / "preview.png", pictures);
+    }
+    write_whole_file(options.folder / (set.name + ".vshift"), recipe_of(set, options.depth).dump(2) + "\n");
+    Json shapes;
+    for (size_t k = 0; k < analytic::kind_count; ++k)
+        shapes[analytic::kind_name(analytic::Kind(k))] = street.street.shapes[k];
+    return {{"scene", street_name},     {"seed", options.seed},
+            {"frames", options.frames}, {"triangles", street.street.triangles.size()},
+            {"shapes", shapes},         {"geometry_hash", analytic::geometry_hash(street.street)}};
+}
+
 int run(int argc, char** argv) {
     Options options;
     bool list = false;
-    CLI::App app{"Minimal scenes whose masks are known in closed form."};
+    CLI::App app{"Minimal scenes whose masks are known in closed form, and streets whose truth is cast exactly."};
     app.add_option("scene", options.scene, "a name of --list, or all");
     app.add_option("-o,--output", options.folder, "folder to write into");
     app.add_option("--width", options.size.width, "pixels; the focal length is the width")->check(CLI::Range(8, 8192));
-    app.add_option("--height", options.size.height, "pixels")->check(CLI::Range(8, 8192));
-    app.add_option("--seed", options.seed, "of the scene called random");
+    auto* height =
+        app.add_option("--height", options.size.height, "pixels; of analytic_street 9/16 of the width unless given")
+            ->check(CLI::Range(8, 8192));
+    app.add_option("--seed", options.seed, "of the scenes called random and analytic_street");
+    app.add_option("--frames", options.frames, "of analytic_street: the ego drives 0.5 m from one to the next")
+        ->check(CLI::Range(1, analytic::most_frames));
+    app.add_option("--samples", options.samples, "of analytic_street: n x n colour samples per pixel")
+        ->check(CLI::Range(1, 8));
     app.add_option("--depth", options.depth, "file of the depth")->check(CLI::IsMember({"exr", "png", "pfm", "npy"}));
     app.add_flag("--list", list, "print the names of the scenes");
     try {
@@ -217,10 +276,16 @@ int run(int argc, char** argv) {
     }
     if (list) {
         for (const std::string& name : scene_names()) std::cout << name << "\n";
+        std::cout << street_name << "\n";
         return 0;
     }
     if (options.scene.empty()) throw Error(ExitCode::bad_input, "scene: got none, expected a name of --list, or all");
     if (options.folder.empty()) throw Error(ExitCode::bad_input, "-o: got none, expected a folder");
+    if (options.scene == street_name) {
+        if (height->count() == 0) options.size.height = std::max(8, options.size.width * 9 / 16);
+        std::cout << write_street(options).dump(2) << "\n";
+        return 0;
+    }
     if (options.scene != "all") {
         std::cout << write_scene(options, options.folder).dump(2) << "\n";
         return 0;
