@@ -7,10 +7,16 @@ namespace vshift {
 
 /// One line of valid UTF-8: control characters and bytes that are no UTF-8 become '?'.
 inline std::string printable(std::string text) {
-    const auto follows = [&](size_t i) { return i < text.size() && (static_cast<unsigned char>(text[i]) & 0xc0) == 0x80; };
+    const auto follows = [&](size_t i) {
+        return i < text.size() && (static_cast<unsigned char>(text[i]) & 0xc0) == 0x80;
+    };
     for (size_t i = 0; i < text.size();) {
         const auto lead = static_cast<unsigned char>(text[i]);
-        const size_t length = lead < 0x80 ? 1 : lead >= 0xf5 || lead < 0xc2 ? 0 : lead >= 0xf0 ? 4 : lead >= 0xe0 ? 3 : 2;
+        const size_t length = lead < 0x80                   ? 1
+                              : lead >= 0xf5 || lead < 0xc2 ? 0
+                              : lead >= 0xf0                ? 4
+                              : lead >= 0xe0                ? 3
+                                                            : 2;
         bool valid = length > 0 && lead >= 0x20 && lead != 0x7f;
         for (size_t k = 1; k < length; ++k) valid = valid && follows(i + k);
         if (valid && length > 2) {  // overlong forms, surrogates, beyond the last code point

@@ -44,8 +44,8 @@ private:
     void keep(const std::string& key, const SharedAnswer& answer);
     void drop_to(size_t limit_bytes);
 
-    std::mutex computing_;  // held while an answer is computed; taken before state_
-    std::mutex state_;      // held for look-ups only
+    std::mutex computing_;      // held while an answer is computed; taken before state_
+    std::mutex state_;          // held for look-ups only
     std::list<Entry> entries_;  // used last in front
     std::unordered_map<std::string, std::list<Entry>::iterator> places_;
     size_t kept_bytes_ = 0;

@@ -5,7 +5,6 @@
 #include <link.h>
 
 #include <algorithm>
-#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
@@ -24,17 +23,20 @@ namespace {
 
 constexpr const char* extension = ".vshift";
 
+size_t cache_bytes(const std::string& megabytes, const std::string& where) {
+    const double value = parse_number(megabytes, where);
+    if (!(value >= 0 && value <= 1e6))
+        throw Error(ExitCode::bad_input, where + ": got '" + megabytes + "', expected megabytes from 0 to 1000000");
+    return size_t(value * (1 << 20));
+}
+
 /// Lives as long as the process: OIIO never unloads a plugin, and may still read while others end.
 AnswerCache& cache() {
     static AnswerCache* const instance = [] {
         auto* made = new AnswerCache;
         if (const char* text = std::getenv("VSHIFT_CACHE_MB")) {
             try {
-                const double megabytes = parse_number(text, "VSHIFT_CACHE_MB");
-                if (!(megabytes >= 0 && megabytes <= 1e6))
-                    throw Error(ExitCode::bad_input, std::string("VSHIFT_CACHE_MB: got '") + text +
-                                                         "', expected megabytes from 0 to 1000000");
-                made->set_limit(size_t(megabytes * (1 << 20)));
+                made->set_limit(cache_bytes(text, "VSHIFT_CACHE_MB"));
             } catch (const Error& e) {
                 std::fprintf(stderr, "vshift: %s; 1024 is used\n", e.what());
             }
@@ -208,7 +210,7 @@ private:
             const std::string name = attribute.name().string();
             if (name.rfind("vshift:", 0) != 0) continue;
             if (name == "vshift:cache_mb")
-                cache().set_limit(size_t(std::clamp(attribute.get_float(float(attribute.get_int(1024))), 0.0f, 1e6f) * (1 << 20)));
+                cache().set_limit(cache_bytes(attribute.get_string(), name));
             else
                 defaults.emplace_back(name.substr(std::strlen("vshift:")), attribute.get_string());
         }
