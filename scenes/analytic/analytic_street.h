@@ -43,7 +43,7 @@ struct AnalyticStreet {
 };
 
 /// Same seed and options, same bytes. Below 300 000 triangles. Spheres of kind `sphere` deviate from the round
-/// one by less than 1 mm, poles (24 sides, 4 to 15 cm thick) by less than 1 mm, foliage by about 1 cm.
+/// one by less than 1 mm, poles (24 sides, 4 to 15 cm thick) by less than 1 mm, foliage by less than 2 cm.
 AnalyticStreet make_analytic_street(uint32_t seed, const StreetOptions& options = {});
 
 /// FNV-1a over vertices, triangles, kinds and albedos.

@@ -24,9 +24,9 @@ public:
         : mesh_(mesh), seed_(seed), options_(options) {}
 
     void place_all() {
+        scaffolds();
         lamps_and_trees();
         kiosks_and_shelters();
-        scaffolds();
         signs_and_bollards();
         parked_cars();
         standing_cars();
@@ -77,13 +77,13 @@ private:
         mesh_.prism(Kind::pole, {0, 0, -sunk_m}, {0.05, 0.04, h + 0.9}, r.within(0.065, 0.075),
                     vec3(0.13f, 0.09f, 0.06f));
         if (!options_.foliage) return;
-        const double size = leaves.within(0.85, 1.15);
+        const double size = leaves.within(0.8, 1.05);
         const vec3 green = vec3(0.10f, 0.19f, 0.045f) * float(leaves.within(0.8, 1.25));
         for (int i = 0; i < 12; ++i) {
             const double a = i * 2.39996, up = (i + 0.5) / 12.0, out = size * 0.95 * std::sin(up * 2.6 + 0.35);
             const dvec3 at(out * std::cos(a), out * std::sin(a), h + 0.45 + size * (0.5 + 2.2 * up));
             mesh_.sphere(Kind::foliage, at, size * leaves.within(0.62, 0.9), green * float(leaves.within(0.8, 1.2)),
-                         0.014);
+                         0.02);
         }
     }
     void lamps_and_trees() {
@@ -109,7 +109,7 @@ private:
             for (int i = 0; i < 14; ++i) {
                 const double x = r.within(street_from_x + 4, street_to_x - 4);
                 if (!take(x, pavement_y(side, 0.5), 0.35, 0.12)) continue;
-                mesh_.begin({{x, pavement_y(side, 0.5), kerb_z}, r.within(-0.2, 0.2) + right_angle});
+                mesh_.begin({{x, pavement_y(side, 0.5), kerb_z}, r.within(-0.2, 0.2) + side * right_angle});
                 const double h = r.within(2.2, 2.9);
                 const std::array<vec3, 3> faces = {{{0.05f, 0.12f, 0.45f}, {0.5f, 0.04f, 0.04f}, {0.65f, 0.5f, 0.05f}}};
                 mesh_.prism(Kind::pole, {0, 0, -sunk_m}, {0, 0, h + 0.05}, r.within(0.021, 0.035), vec3(0.38f));
@@ -132,11 +132,10 @@ private:
 
     /// Tubes and decks before a house front.
     void scaffolds() {
-        Stream r(seed_, 5);
         for (const int side : {1, -1}) {
-            const double x = r.within(free_from_x + 14, free_to_x + 4), bay = 2.2;
-            if (!take(x + 2 * bay, pavement_y(side, 3.85), 2 * bay + 0.3, 0.6)) continue;
-            mesh_.begin(on_pavement(side > 0 ? x : x + 4 * bay, side, 3.3));
+            const double x = scaffold_from_x(seed_, side), bay = scaffold_m / 4;
+            if (!take(x + 2 * bay, pavement_y(side, 3.7), 2 * bay + 0.3, 0.65)) continue;
+            mesh_.begin(on_pavement(side > 0 ? x : x + 4 * bay, side, 3.15));
             const vec3 steel(0.32f, 0.33f, 0.34f), deck(0.42f, 0.32f, 0.19f);
             const int lifts = 4;
             for (int i = 0; i <= 4; ++i)
@@ -172,8 +171,9 @@ private:
         const double l = van ? r.within(4.9, 5.3) : r.within(3.9, 4.7), w = van ? 1.86 : r.within(1.68, 1.82);
         const double waist = van ? 1.1 : r.within(0.82, 0.9), roof = van ? 2.15 : r.within(1.4, 1.6);
         mesh_.box(Kind::box, {-l / 2, -w / 2, 0.24}, {l / 2, w / 2, waist}, paint);
-        mesh_.box(Kind::box, {-l * (van ? 0.49 : r.within(0.32, 0.46)), -w / 2 + 0.09, waist - sunk_m},
-                  {l * (van ? 0.33 : 0.2), w / 2 - 0.09, roof}, van ? paint * 0.95f : glass, &paint);
+        const double back = van ? 0.49 : r.within(0.34, 0.46), ahead = van ? 0.34 : 0.21;
+        mesh_.glazed_box({-l * back, -w / 2 + 0.08, waist - sunk_m}, {l * ahead, w / 2 - 0.08, roof}, paint * 0.97f,
+                         glass, van ? 3 : 2);
         for (const double x : {-l * 0.31, l * 0.31})
             for (const double y : {-1.0, 1.0})
                 mesh_.prism(Kind::box, {x, y * (w / 2 - 0.2), 0.305}, {x, y * (w / 2 + 0.015), 0.305}, 0.315, tyre, 20,
@@ -287,7 +287,7 @@ private:
         for (const int side : {1, -1})
             for (int i = 0; i < 12; ++i) {
                 const double x0 = r.within(street_from_x + 4, street_to_x - 4);
-                for (int k = r.whole(1, 3); k > 0; --k) {
+                for (int k = r.whole(1, 3); k > 0 && int(mesh_.counted(Kind::box)) + 2 <= options_.boxes; --k) {
                     const double x = x0 + 0.75 * k;
                     if (!take(x, pavement_y(side, 4.0), 0.34, 0.42, 0.05)) continue;
                     mesh_.begin(
@@ -330,6 +330,11 @@ private:
 };
 
 }  // namespace
+
+double scaffold_from_x(uint32_t seed, int side) {
+    Stream r(seed, side > 0 ? 5 : 15);
+    return r.within(free_from_x + 14, free_to_x + 4);
+}
 
 void add_furniture(MeshBuilder& mesh, uint32_t seed, const StreetOptions& options) {
     Furniture(mesh, seed, options).place_all();

@@ -27,31 +27,31 @@ const std::array<vec3, 9> wall_colors = {{{0.62f, 0.52f, 0.38f},
 struct House {
     double width = 12, depth = 10;
     int floors = 4;
-    bool plain = false;  ///< no balconies nor ledges: seen from afar only
+    bool plain = false;  ///< no shop, balconies nor ledges: seen from afar only
+    bool balconies = true;
 };
 
-double jitter_glass(Stream& r) {
-    return r.within(0.7, 1.4);
-}
-
-/// A front with `columns` windows of one floor plan: cuts, recesses and glass.
+/// A front with `columns` windows a floor: cuts, recesses and what lies in them.
 struct Front {
     std::vector<double> x, z, recess_m;
     std::vector<vec3> inner;
-    double window_m = 1.2, pitch_m = 2.6;
+    double pitch_m = 2.6;
     int columns = 1;
+
+    size_t cell(size_t column, size_t row) const { return row * (x.size() - 1) + 1 + 2 * column; }
 };
 
+/// `openings_m`: lower and upper edge of each row of windows. Rows lie between cuts 1 and 2, 3 and 4 and so on.
 Front plan_front(Stream& r, double width, double window_m, double pitch_m, double z0,
-                 const std::vector<std::pair<double, double>>& openings_m, double top, double recess, int door) {
+                 const std::vector<std::pair<double, double>>& openings_m, double top, double recess) {
     Front f;
     f.columns = std::max(1, int((width - 0.8) / pitch_m));
     f.pitch_m = width / f.columns;
-    f.window_m = std::min(window_m, f.pitch_m - 0.4);
+    window_m = std::min(window_m, f.pitch_m - 0.4);
     f.x = {0};
     for (int c = 0; c < f.columns; ++c) {
-        f.x.push_back((c + 0.5) * f.pitch_m - f.window_m / 2);
-        f.x.push_back((c + 0.5) * f.pitch_m + f.window_m / 2);
+        f.x.push_back((c + 0.5) * f.pitch_m - window_m / 2);
+        f.x.push_back((c + 0.5) * f.pitch_m + window_m / 2);
     }
     f.x.push_back(width);
     f.z = {z0};
@@ -60,15 +60,25 @@ Front plan_front(Stream& r, double width, double window_m, double pitch_m, doubl
     const size_t cells = (f.x.size() - 1) * (f.z.size() - 1);
     f.recess_m.assign(cells, 0);
     f.inner.assign(cells, vec3(0));
-    for (size_t j = 1; j + 1 < f.z.size(); j += 2)
-        for (size_t i = 1; i + 1 < f.x.size(); i += 2) {
-            const size_t cell = j * (f.x.size() - 1) + i;
-            f.recess_m[cell] = recess;
-            f.inner[cell] = vec3(0.05f, 0.065f, 0.08f) * float(jitter_glass(r));
-            if (r.chance(0.25)) f.inner[cell] = vec3(0.35f, 0.33f, 0.28f);  // a drawn curtain
-            if (door >= 0 && int(i / 2) == door) f.inner[cell] = vec3(0.16f, 0.09f, 0.05f);
+    for (size_t row = 1; row + 1 < f.z.size(); row += 2)
+        for (size_t c = 0; c < size_t(f.columns); ++c) {
+            f.recess_m[f.cell(c, row)] = recess;
+            f.inner[f.cell(c, row)] = vec3(0.05f, 0.065f, 0.08f) * float(r.within(0.7, 1.4));
+            if (r.chance(0.25)) f.inner[f.cell(c, row)] = vec3(0.35f, 0.33f, 0.28f);  // a drawn curtain
         }
     return f;
+}
+
+/// Makes one window of the lowest row a door down to `threshold_z`.
+void add_door(Front& f, size_t column, double threshold_z) {
+    const size_t wide = f.x.size() - 1;
+    f.z.insert(f.z.begin() + 1, threshold_z);
+    f.recess_m.insert(f.recess_m.begin(), wide, 0);
+    f.inner.insert(f.inner.begin(), wide, vec3(0));
+    for (const size_t row : {1, 2}) {
+        f.recess_m[f.cell(column, row)] = f.recess_m[f.cell(column, 2)];
+        f.inner[f.cell(column, row)] = vec3(0.14f, 0.08f, 0.045f);
+    }
 }
 
 void add_balcony(MeshBuilder& mesh, double x0, double x1, double z, const vec3& wall) {
@@ -95,15 +105,10 @@ void add_house(MeshBuilder& mesh, Stream& r, const Place& place, const House& ho
     const double recess = r.within(0.12, 0.3);
 
     const vec3 base = shop ? r.pick(wall_colors) * 0.8f : wall * 0.75f;
-    const int door = shop ? -1 : r.whole(0, 3);
-    const Front low = plan_front(r, house.width, shop ? 2.9 : 1.3, shop ? 3.6 : 2.7, -sunk_m,
-                                 {{kerb_z + (shop ? 0.45 : 0.9), joint - 0.75}}, joint, recess + 0.1, -1);
-    const auto with_door = [&](Front f) {
-        if (door < 0 || door >= f.columns) return f;
-        f.inner[(f.x.size() - 1) + size_t(1 + 2 * door)] = vec3(0.14f, 0.08f, 0.045f);
-        return f;
-    };
-    const Front lower = with_door(low);
+    const std::pair<double, double> low_openings = {kerb_z + (shop ? 0.45 : 0.9), joint - 0.75};
+    Front lower =
+        plan_front(r, house.width, shop ? 2.9 : 1.3, shop ? 3.6 : 2.7, -sunk_m, {low_openings}, joint, recess + 0.1);
+    add_door(lower, size_t(r.whole(0, lower.columns - 1)), kerb_z + 0.1);
     mesh.block(lower.x, lower.z, house.depth, lower.recess_m, base, lower.inner);
 
     std::vector<std::pair<double, double>> openings;
@@ -112,8 +117,8 @@ void add_house(MeshBuilder& mesh, Stream& r, const Place& place, const House& ho
         openings.push_back({joint + f * floor_m + sill, joint + f * floor_m + head});
     // The upper floors stand 2 cm before the lower ones and reach 5 cm into them.
     mesh.begin({place.world({0, -0.02, 0}), place.yaw_rad});
-    const Front upper = plan_front(r, house.width - 0.004, r.within(1.0, 1.5), r.within(2.3, 3.0), joint - 0.05,
-                                   openings, top, recess, -1);
+    const Front upper =
+        plan_front(r, house.width - 0.004, r.within(1.0, 1.5), r.within(2.3, 3.0), joint - 0.05, openings, top, recess);
     mesh.block(upper.x, upper.z, house.depth + 0.04, upper.recess_m, wall, upper.inner);
 
     const vec3 stone = glm::min(wall * 1.25f, vec3(0.8f));
@@ -131,7 +136,7 @@ void add_house(MeshBuilder& mesh, Stream& r, const Place& place, const House& ho
         mesh.box(Kind::building, {x, y, top - 0.5}, {x + 0.7, y + 0.6, top + r.within(2.4, 3.8)},
                  vec3(0.33f, 0.14f, 0.10f));
     }
-    if (house.plain || !r.chance(0.4)) return;
+    if (house.plain || !r.chance(0.4) || !house.balconies) return;
     const int column = r.whole(0, std::max(0, upper.columns - 1));
     for (int f = 0; f + 1 < house.floors; ++f) {
         const double middle = (column + 0.5) * upper.pitch_m, half = upper.pitch_m / 2 - 0.12;
@@ -155,7 +160,7 @@ void add_fence(MeshBuilder& mesh, Stream& r, const Place& place, double length, 
 }
 
 /// Houses side by side along local x, their fronts near local y = 0; gaps are closed with fences.
-void add_row(MeshBuilder& mesh, Stream& r, const Place& row, double length, bool plain) {
+void add_row(MeshBuilder& mesh, Stream& r, const Place& row, double length, bool plain, double scaffold_x = 1e9) {
     double x = 0, last_setback = -1;
     int until_gap = r.whole(2, 4);
     while (x < length - 6) {
@@ -167,6 +172,8 @@ void add_row(MeshBuilder& mesh, Stream& r, const Place& row, double length, bool
         double setback = r.within(0, 0.5);  // no two fronts in one plane
         if (std::abs(setback - last_setback) < 0.06) setback += 0.1;
         last_setback = setback;
+        const double a = row.world({x, 0, 0}).x, b = row.world({x + house.width, 0, 0}).x;
+        house.balconies = std::max(a, b) < scaffold_x - 1 || std::min(a, b) > scaffold_x + scaffold_m + 1;
         add_house(mesh, r, {row.world({x, setback, 0}), row.yaw_rad}, house);
         x += house.width - 0.03;  // a neighbour stands a little inside
         if (--until_gap > 0 || x > length - 12) continue;
@@ -207,8 +214,8 @@ void add_ground(MeshBuilder& mesh) {
 void add_buildings(MeshBuilder& mesh, uint32_t seed) {
     Stream r(seed, 1);
     const double length = street_to_x - street_from_x;
-    add_row(mesh, r, {{street_from_x, front_y, 0}, 0}, length, false);
-    add_row(mesh, r, {{street_to_x, -front_y, 0}, 2 * right_angle}, length, false);
+    add_row(mesh, r, {{street_from_x, front_y, 0}, 0}, length, false, scaffold_from_x(seed, 1));
+    add_row(mesh, r, {{street_to_x, -front_y, 0}, 2 * right_angle}, length, false, scaffold_from_x(seed, -1));
     // What shows through the gaps, and what closes both ends of the street.
     add_row(mesh, r, {{street_from_x, front_y + 27, 0}, 0}, length, true);
     add_row(mesh, r, {{street_to_x, -front_y - 27, 0}, 2 * right_angle}, length, true);

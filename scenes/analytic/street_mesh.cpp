@@ -97,6 +97,41 @@ void MeshBuilder::box(Kind kind, const dvec3& lo, const dvec3& hi, const glm::ve
     count(kind);
 }
 
+void MeshBuilder::glazed_box(const dvec3& lo, const dvec3& hi, const glm::vec3& albedo, const glm::vec3& pane,
+                             int panes) {
+    const double pillar = 0.09, low = lo.z + 0.06, high = hi.z - 0.09;
+    const auto cuts = [&](double from, double to, int n) {
+        std::vector<double> at = {from};
+        const double wide = (to - from - (n + 1) * pillar) / n;
+        for (int i = 0; i < n; ++i) {
+            at.push_back(from + pillar + i * (wide + pillar));
+            at.push_back(at.back() + wide);
+        }
+        at.push_back(to);
+        return at;
+    };
+    const double z[4] = {lo.z, low, high, hi.z};
+    const auto wall = [&](const std::vector<double>& u, auto&& at) {  // u to the right as seen from outside
+        for (size_t i = 0; i + 1 < u.size(); ++i)
+            for (int j = 0; j < 3; ++j)
+                quad(Kind::box, at(u[i], z[j]), at(u[i + 1], z[j]), at(u[i + 1], z[j + 1]), at(u[i], z[j + 1]),
+                     j == 1 && i % 2 == 1 ? pane : albedo);
+    };
+    const std::vector<double> x = cuts(lo.x, hi.x, panes), y = cuts(lo.y, hi.y, 1);
+    const std::vector<double> x_back(x.rbegin(), x.rend()), y_back(y.rbegin(), y.rend());
+    wall(x, [&](double u, double v) { return dvec3(u, lo.y, v); });
+    wall(y, [&](double u, double v) { return dvec3(hi.x, u, v); });
+    wall(x_back, [&](double u, double v) { return dvec3(u, hi.y, v); });
+    wall(y_back, [&](double u, double v) { return dvec3(lo.x, u, v); });
+    for (size_t i = 0; i + 1 < x.size(); ++i)  // the same cuts above and below
+        for (const bool top : {true, false}) {
+            const dvec3 a(x[i], lo.y, top ? hi.z : lo.z), b(x[i + 1], lo.y, a.z);
+            const dvec3 c(x[i + 1], hi.y, a.z), d(x[i], hi.y, a.z);
+            top ? quad(Kind::box, a, b, c, d, albedo) : quad(Kind::box, a, d, c, b, albedo);
+        }
+    count(Kind::box);
+}
+
 void MeshBuilder::prism(Kind kind, const dvec3& from, const dvec3& to, double radius, const glm::vec3& albedo,
                         int sides, bool counted) {
     const dvec3 w = glm::normalize(to - from);
@@ -154,9 +189,10 @@ void MeshBuilder::block(const std::vector<double>& x, const std::vector<double>&
             const uint32_t g = vertex({x[i + 1], y, z[j + 1]}), h = vertex({x[i], y, z[j + 1]});
             const glm::vec3 reveal = glm::min(wall * 1.15f, glm::vec3(0.85f));
             two(e, f, g, h, inner[cell]);
-            two(a, b, f, e, reveal);
+            const auto open = [&](size_t other) { return recess_m[other] == y; };  // one opening of two cells
+            if (j == 0 || !open(cell - (nx - 1))) two(a, b, f, e, reveal);
+            if (j + 2 == nz || !open(cell + (nx - 1))) two(c, d, h, g, reveal);
             two(b, c, g, f, reveal);
-            two(c, d, h, g, reveal);
             two(d, a, e, h, reveal);
         }
     std::vector<uint32_t> left, right, top;  // the same cuts behind, so that the corners are watertight

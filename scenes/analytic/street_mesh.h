@@ -44,13 +44,17 @@ public:
     /// Six faces; the top may have its own albedo.
     void box(Kind kind, const glm::dvec3& lo, const glm::dvec3& hi, const glm::vec3& albedo,
              const glm::vec3* top = nullptr);
+    /// A box of kind `box` whose upright faces bear panes: along x `panes`, along y one. Only the colour differs.
+    void glazed_box(const glm::dvec3& lo, const glm::dvec3& hi, const glm::vec3& albedo, const glm::vec3& pane,
+                    int panes);
     /// A prism with `sides` corners on the circle of `radius`, and flat ends.
     void prism(Kind kind, const glm::dvec3& from, const glm::dvec3& to, double radius, const glm::vec3& albedo,
                int sides = 24, bool counted = true);
     /// A round sphere to within `error_m`, by subdividing an icosahedron.
     void sphere(Kind kind, const glm::dvec3& centre, double radius, const glm::vec3& albedo, double error_m);
     /// A front at local y = 0 that faces -y, cut at x and z; where `recess_m` is not 0 the cell lies back by as
-    /// much and has `inner` albedo. Sides, roof and back complete the block to y = depth.
+    /// much and has `inner` albedo; cells one above the other that lie equally deep are one opening. Sides, roof and
+    /// back complete the block to y = depth.
     void block(const std::vector<double>& x, const std::vector<double>& z, double depth,
                const std::vector<double>& recess_m, const glm::vec3& wall, const std::vector<glm::vec3>& inner);
     /// A gable roof over [0, width] x [0, depth], ridge along x.
@@ -73,6 +77,10 @@ inline constexpr double kerb_y = 7.6, kerb_z = 0.12, front_y = 12.2;
 inline constexpr double street_from_x = -104, street_to_x = 150, sunk_m = 0.03;
 /// Where the ego and its shifted cameras pass: nothing in it.
 inline constexpr double free_from_x = -8, free_to_x = 48;
+
+/// Where the scaffold on one side (1 left, -1 right) may stand: no balconies there.
+inline constexpr double scaffold_m = 8.8;
+double scaffold_from_x(uint32_t seed, int side);
 
 void add_ground(MeshBuilder& mesh);
 void add_buildings(MeshBuilder& mesh, uint32_t seed);

@@ -244,9 +244,11 @@ Json write_street(const Options& options) {
     Json shapes;
     for (size_t k = 0; k < analytic::kind_count; ++k)
         shapes[analytic::kind_name(analytic::Kind(k))] = street.street.shapes[k];
+    char hash[17];
+    std::snprintf(hash, sizeof hash, "%016llx", (unsigned long long)analytic::geometry_hash(street.street));
     return {{"scene", street_name},     {"seed", options.seed},
             {"frames", options.frames}, {"triangles", street.street.triangles.size()},
-            {"shapes", shapes},         {"geometry_hash", analytic::geometry_hash(street.street)}};
+            {"shapes", shapes},         {"geometry_hash", hash}};
 }
 
 int run(int argc, char** argv) {
