@@ -106,13 +106,16 @@ Answer answer(const Recipe& recipe, const Request& request, FrameFiles& files) {
         start = Clock::now();
         if (camera.name == own.name) rig.own = int(rig.views.size());
         const Pose world_from_cam = recipe.world_from_cam(camera.name, request.frame);
-        LiftedMesh mesh = lift_towards(camera.intrinsics, world_from_cam, depth, shifted.world_from_cam.translation_m);
+        LiftedMesh mesh = lift_towards(camera.intrinsics, world_from_cam, depth, shifted.world_from_cam.translation_m,
+                                       request.tolerance_px);
         out.times.lift_ms += ms_since(start);
         start = Clock::now();
         rig.views.push_back(build_view(camera.name, world_from_cam, std::move(mesh)));
         out.times.build_ms += ms_since(start);
         out.kept_quads += rig.views.back().mesh.kept.size();
         out.torn_quads += rig.views.back().mesh.torn.size();
+        out.triangles += rig.views.back().mesh.kept_triangles + 2 * rig.views.back().mesh.torn.size();
+        out.bvh_bytes += bvh_bytes(rig.views.back());
     }
     const LiftedView& own_view = rig.views[size_t(rig.own)];
     out.invalid_px = own_view.mesh.invalid_px;
@@ -162,6 +165,7 @@ Answer answer(const Recipe& recipe, const Request& request, FrameFiles& files) {
     meta["vshift.yaw_deg"] = number(request.shift.yaw_rad * degrees_per_radian);
     meta["vshift.from"] = request.from == Source::rig ? "rig" : "self";
     meta["vshift.method"] = request.method;
+    if (request.tolerance_px > 0) meta["vshift.tolerance_px"] = number(request.tolerance_px);
     meta["vshift.clear_m"] = number(request.clear_m);
     meta["vshift.intrinsic"] =
         number(k.fx) + " 0 " + number(k.cx) + " 0 " + number(k.fy) + " " + number(k.cy) + " 0 0 1";

@@ -7,59 +7,118 @@
 #include <cmath>
 #include <limits>
 
+#include "embree_core/mesh_builder.h"
+
 namespace vshift {
 namespace {
 
-// Corners of a cell, in the order of the ring round it: (0,0), (1,0), (1,1), (0,1).
-constexpr int corner_dx[4] = {0, 1, 1, 0};
-constexpr int corner_dy[4] = {0, 0, 1, 1};
+/// Torn: the step of 1/z is visible at this baseline, and no plane on either side explains it.
+bool torn_between(float before, float a, float b, float after, double px_per_inverse_depth,
+                  const LiftOptions& options) {
+    const float step = std::fabs(b - a);
+    if (!(px_per_inverse_depth * step > options.tear_px)) return false;
+    float smallest = std::numeric_limits<float>::infinity();
+    if (!std::isnan(before)) smallest = std::min(smallest, std::fabs((before - a) + (b - a)));
+    if (!std::isnan(after)) smallest = std::min(smallest, std::fabs((a - b) + (after - b)));
+    return smallest >= float(options.tear_break) * step;
+}
 
-constexpr uint32_t none = 0xffffffffu;
+void find_tears(LiftedMesh& mesh, const LiftOptions& options) {
+    const Grid<float>& w = mesh.inverse_depth;
+    const float nan = std::numeric_limits<float>::quiet_NaN();
+    mesh.tears = Grid<uint8_t>(w.width, w.height, 0);
+    const double fx_b = mesh.intrinsics.fx * options.baseline_m, fy_b = mesh.intrinsics.fy * options.baseline_m;
+    // Steps up to here are smaller than tear_px for sure: most pixels need no second look.
+    const auto surely_small = [&](double scale) { return float(options.tear_px / scale * (1 - 1e-5)); };
+    const float small_x = surely_small(fx_b), small_y = surely_small(fy_b);
+    tbb::parallel_for(0, w.height, [&](int y) {
+        const auto value = [&](int x, int row) {
+            return x < 0 || row < 0 || x >= w.width || row >= w.height ? nan : w.at(x, row);
+        };
+        const float* own = &w.data[size_t(y) * size_t(w.width)];
+        const float* under = y + 1 < w.height ? own + w.width : own;
+        for (int x = 0; x < w.width; ++x) {
+            const float a = own[x], right = own[x + 1 < w.width ? x + 1 : x], below = under[x];
+            const bool flat_x = std::fabs(right - a) <= small_x, flat_y = std::fabs(below - a) <= small_y;
+            if (flat_x & flat_y & (a > 0) & (right > 0) & (below > 0)) continue;
+            const auto torn = [&](float b, float before, float after, double scale) {
+                if (std::isnan(b)) return false;  // no such pixel, or no measurement: never joined anyway
+                if ((a > 0) != (b > 0)) return true;
+                return torn_between(before, a, b, after, scale, options);
+            };
+            uint8_t bits = 0;
+            if (torn(value(x + 1, y), value(x - 1, y), value(x + 2, y), fx_b)) bits |= 1;
+            if (torn(value(x, y + 1), value(x, y - 1), value(x, y + 2), fy_b)) bits |= 2;
+            mesh.tears.at(x, y) = bits;
+        }
+    });
+}
 
-enum class Pixel { missing, invalid, sky, solid };
-
-/// The tears and 1/z of one depth map, and the rules by which surfaces end at a tear.
-struct Field {
-    const Grid<float>& w;
-    const Grid<uint8_t>& tears;
-
-    Pixel state(int x, int y) const {
-        if (x < 0 || y < 0 || x >= w.width || y >= w.height) return Pixel::missing;
-        const float value = w.at(x, y);
-        return value > 0 ? Pixel::solid : value == 0 ? Pixel::sky : Pixel::invalid;
+/// 1/z and the vertices at pixel centres; returns the nearest depth.
+float read_pixels(LiftedMesh& mesh, const DepthMap& depth) {
+    const int width = depth.width, height = depth.height;
+    mesh.inverse_depth = Grid<float>(width, height);
+    mesh.vertices.resize(depth.size());
+    struct Row {
+        uint64_t invalid = 0, sky = 0;
+        float nearest_m = 1e12f;
+    };
+    std::vector<Row> rows(static_cast<size_t>(height));
+    std::vector<double> ray_x(static_cast<size_t>(width));
+    for (int x = 0; x < width; ++x) ray_x[size_t(x)] = ray(mesh.intrinsics, {x + 0.5, 0.5}).x;
+    tbb::parallel_for(0, height, [&](int y) {
+        Row row;
+        const double ray_y = ray(mesh.intrinsics, {0.5, y + 0.5}).y;
+        for (int x = 0; x < width; ++x) {
+            const size_t at = size_t(y) * size_t(width) + size_t(x);
+            const float z = depth.data[at];
+            const bool sky = is_sky(z), valid = is_measured(z);
+            row.sky += sky;
+            row.invalid += !sky && !valid;
+            mesh.inverse_depth.data[at] = sky ? 0.0f : valid ? 1.0f / z : std::numeric_limits<float>::quiet_NaN();
+            if (!valid) continue;  // its vertex is never referenced
+            row.nearest_m = std::min(row.nearest_m, z);
+            mesh.vertices[at] = {float(ray_x[size_t(x)] * double(z)), float(ray_y * double(z)), z, 0};
+        }
+        rows[size_t(y)] = row;
+    });
+    Row all;
+    for (const Row& row : rows) {
+        all.invalid += row.invalid;
+        all.sky += row.sky;
+        all.nearest_m = std::min(all.nearest_m, row.nearest_m);
     }
-    bool solid(int x, int y) const { return state(x, y) == Pixel::solid; }
+    mesh.invalid_px = all.invalid;
+    mesh.sky_px = all.sky;
+    return all.nearest_m;
+}
 
-    /// Whether two 4-neighbours lie on one observed surface.
-    bool joined(int x0, int y0, int x1, int y1) const {
-        if (!solid(x0, y0) || !solid(x1, y1)) return false;
-        const uint8_t bit = y0 == y1 ? 1 : 2;
-        return !(tears.at(std::min(x0, x1), std::min(y0, y1)) & bit);
-    }
+/// Pixels that are no vertices of the collapsed mesh any more move onto it.
+void snap_pixels(LiftedMesh& mesh, const CellPlan& plan) {
+    if (plan.collapsed.empty()) return;
+    const Intrinsics& k = mesh.intrinsics;
+    tbb::parallel_for(0, plan.collapsed[0].height, [&](int pair) {
+        // A block belongs to its first pair of rows.
+        for (int level = 1; level <= int(plan.collapsed.size()); ++level) {
+            if (pair & ((1 << (level - 1)) - 1)) break;
+            const int y = pair >> (level - 1);
+            if (y >= plan.collapsed[size_t(level) - 1].height) break;
+            for (int x = 0; x < plan.collapsed[size_t(level) - 1].width; ++x) {
+                if (!plan.is_collapsed(level, x, y)) continue;
+                if (level < int(plan.collapsed.size()) && plan.is_collapsed(level + 1, x >> 1, y >> 1)) continue;
+                snap_block(mesh.inverse_depth, plan, level, x, y, [&](int px, int py) {
+                    const size_t at = size_t(py) * size_t(k.width) + size_t(px);
+                    const glm::dvec3 p = ray(k, {px + 0.5, py + 0.5}) / double(mesh.inverse_depth.data[at]);
+                    mesh.vertices[at] = {float(p.x), float(p.y), float(p.z), 0};
+                });
+            }
+        }
+    });
+}
 
-    /// 1/z of solid pixel (x, y)'s surface half a pixel towards its neighbour at (dx, dy): between
-    /// the two where they are joined, extrapolated from the far side of the pixel where not.
-    float half_edge(int x, int y, int dx, int dy) const {
-        const float own = w.at(x, y);
-        if (joined(x, y, x + dx, y + dy)) return 0.5f * (own + w.at(x + dx, y + dy));
-        if (!joined(x, y, x - dx, y - dy)) return own;
-        const float extended = own + 0.5f * (own - w.at(x - dx, y - dy));
-        return std::clamp(extended, 0.5f * own, 2.0f * own);
-    }
-};
+}  // namespace
 
-/// One cell with its corners' parts: which corners share a surface, and 1/z where each part reaches
-/// the cell's centre.
-struct SplitCell {
-    std::array<Pixel, 4> state;
-    std::array<int, 4> part;            ///< number of the part, -1 where the corner is not solid
-    std::array<float, 4> centre;        ///< 1/z of a part at the centre, by part number
-    std::array<float, 4> towards_next;  ///< 1/z at the half edge to the next corner in the ring, own side
-    std::array<float, 4> towards_last;  ///< likewise to the corner before
-    std::array<bool, 4> joined_next;
-};
-
-SplitCell split_cell(const Field& f, int cx, int cy) {
+SplitCell split_cell(const SurfaceField& f, int cx, int cy) {
     SplitCell cell;
     for (int c = 0; c < 4; ++c) {
         const int x = cx + corner_dx[c], y = cy + corner_dy[c];
@@ -99,168 +158,6 @@ SplitCell split_cell(const Field& f, int cx, int cy) {
     return cell;
 }
 
-/// Torn: the step of 1/z is visible at this baseline, and no plane on either side explains it.
-bool torn_between(float before, float a, float b, float after, double px_per_inverse_depth,
-                  const LiftOptions& options) {
-    const float step = std::fabs(b - a);
-    if (!(px_per_inverse_depth * step > options.tear_px)) return false;
-    float smallest = std::numeric_limits<float>::infinity();
-    if (!std::isnan(before)) smallest = std::min(smallest, std::fabs((before - a) + (b - a)));
-    if (!std::isnan(after)) smallest = std::min(smallest, std::fabs((a - b) + (after - b)));
-    return smallest >= float(options.tear_break) * step;
-}
-
-void find_tears(LiftedMesh& mesh, const LiftOptions& options) {
-    const Grid<float>& w = mesh.inverse_depth;
-    const float nan = std::numeric_limits<float>::quiet_NaN();
-    const auto value = [&](int x, int y) { return x < 0 || y < 0 || x >= w.width || y >= w.height ? nan : w.at(x, y); };
-    mesh.tears = Grid<uint8_t>(w.width, w.height, 0);
-    const double fx_b = mesh.intrinsics.fx * options.baseline_m, fy_b = mesh.intrinsics.fy * options.baseline_m;
-    tbb::parallel_for(0, w.height, [&](int y) {
-        for (int x = 0; x < w.width; ++x) {
-            const float a = w.at(x, y), right = value(x + 1, y), below = value(x, y + 1);
-            const auto torn = [&](float b, float before, float after, double scale) {
-                if (std::isnan(b)) return false;  // no such pixel, or no measurement: never joined anyway
-                if ((a > 0) != (b > 0)) return true;
-                return torn_between(before, a, b, after, scale, options);
-            };
-            uint8_t bits = 0;
-            if (torn(right, value(x - 1, y), value(x + 2, y), fx_b)) bits |= 1;
-            if (torn(below, value(x, y - 1), value(x, y + 2), fy_b)) bits |= 2;
-            mesh.tears.at(x, y) = bits;
-        }
-    });
-}
-
-/// Emits vertices and quads; half-edge vertices are shared between the cells on both sides.
-class Builder {
-public:
-    explicit Builder(LiftedMesh& mesh)
-        : mesh_(mesh),
-          field_{mesh.inverse_depth, mesh.tears},
-          k_(mesh.intrinsics),
-          half_edges_(size_t(4) * mesh.inverse_depth.size(), none) {}
-
-    void run() {
-        const int width = mesh_.inverse_depth.width, height = mesh_.inverse_depth.height;
-        whole_ = Grid<uint8_t>(width + 1, height + 1, 0);
-        tbb::parallel_for(0, height - 1, [&](int y) {
-            for (int x = 0; x + 1 < width; ++x)
-                whole_.at(x + 1, y + 1) = field_.joined(x, y, x + 1, y) && field_.joined(x, y + 1, x + 1, y + 1) &&
-                                          field_.joined(x, y, x, y + 1) && field_.joined(x + 1, y, x + 1, y + 1);
-        });
-        mesh_.kept.reserve(mesh_.inverse_depth.size() + mesh_.inverse_depth.size() / 8);
-        for (int y = -1; y < height; ++y)
-            for (int x = -1; x < width; ++x) {
-                if (!whole(x, y))
-                    emit_split(x, y);
-                else if (whole(x, y - 1) && whole(x + 1, y) && whole(x, y + 1) && whole(x - 1, y))
-                    mesh_.kept.push_back({pixel(x, y), pixel(x + 1, y), pixel(x + 1, y + 1), pixel(x, y + 1)});
-                else
-                    emit_fan(x, y);
-            }
-    }
-
-private:
-    LiftedMesh& mesh_;
-    Field field_;
-    const Intrinsics& k_;
-    std::vector<uint32_t> half_edges_;  ///< 4 per pixel: right, down, left, up
-    Grid<uint8_t> whole_;
-
-    bool whole(int x, int y) const {
-        return x >= -1 && y >= -1 && x < whole_.width - 1 && y < whole_.height - 1 && whole_.at(x + 1, y + 1);
-    }
-    uint32_t pixel(int x, int y) const { return uint32_t(y) * uint32_t(mesh_.inverse_depth.width) + uint32_t(x); }
-
-    uint32_t add_vertex(double u, double v, double z) {
-        const glm::dvec3 p = ray(k_, {u, v}) * z;
-        mesh_.vertices.push_back({float(p.x), float(p.y), float(p.z), 0});
-        return uint32_t(mesh_.vertices.size() - 1);
-    }
-
-    /// The vertex half a pixel from (x, y) towards a neighbour, on (x, y)'s own surface.
-    uint32_t half_edge(int x, int y, int dx, int dy) {
-        const int way = dx > 0 ? 0 : dy > 0 ? 1 : dx < 0 ? 2 : 3;
-        uint32_t& slot = half_edges_[size_t(4) * pixel(x, y) + size_t(way)];
-        if (slot != none) return slot;
-        slot = add_vertex(x + 0.5 + 0.5 * dx, y + 0.5 + 0.5 * dy, 1.0 / field_.half_edge(x, y, dx, dy));
-        if (field_.joined(x, y, x + dx, y + dy))  // the neighbour reaches the same point
-            half_edges_[size_t(4) * pixel(x + dx, y + dy) + size_t((way + 2) % 4)] = slot;
-        return slot;
-    }
-
-    /// A whole cell beside a split one: a fan that shares the split cell's half-edge vertices.
-    void emit_fan(int x, int y) {
-        constexpr int beyond_x[4] = {0, 1, 0, -1}, beyond_y[4] = {-1, 0, 1, 0};
-        std::array<uint32_t, 8> ring;
-        size_t count = 0;
-        float sum[2] = {0, 0};
-        for (int c = 0; c < 4; ++c) {
-            const int n = (c + 1) % 4;
-            const int x0 = x + corner_dx[c], y0 = y + corner_dy[c];
-            ring[count++] = pixel(x0, y0);
-            sum[c / 2] += field_.w.at(x0, y0);
-            if (!whole(x + beyond_x[c], y + beyond_y[c]))
-                ring[count++] = half_edge(x0, y0, corner_dx[n] - corner_dx[c], corner_dy[n] - corner_dy[c]);
-        }
-        const uint32_t centre = add_vertex(x + 1.0, y + 1.0, 4.0 / double(sum[0] + sum[1]));
-        for (size_t i = 0; i < count; ++i) {
-            const uint32_t next = ring[(i + 1) % count];
-            mesh_.kept.push_back({centre, ring[i], next, next});
-        }
-    }
-
-    void emit_split(int x, int y) {
-        const SplitCell cell = split_cell(field_, x, y);
-        std::array<uint32_t, 4> centre{none, none, none, none};
-        for (int c = 0; c < 4; ++c)
-            if (cell.part[c] == c) centre[c] = add_vertex(x + 1.0, y + 1.0, 1.0 / cell.centre[c]);
-        const auto step = [](int from, int to) {
-            return glm::ivec2(corner_dx[to] - corner_dx[from], corner_dy[to] - corner_dy[from]);
-        };
-        for (int c = 0; c < 4; ++c) {
-            if (cell.part[c] < 0) continue;
-            const int px = x + corner_dx[c], py = y + corner_dy[c];
-            const glm::ivec2 next = step(c, (c + 1) % 4), last = step(c, (c + 3) % 4);
-            mesh_.kept.push_back({pixel(px, py), half_edge(px, py, next.x, next.y), centre[cell.part[c]],
-                                  half_edge(px, py, last.x, last.y)});
-        }
-        for (int c = 0; c < 4; ++c) {
-            const int n = (c + 1) % 4;
-            if (cell.state[c] == Pixel::missing || cell.state[n] == Pixel::missing || cell.joined_next[c]) continue;
-            emit_wall(x, y, cell, c, n);
-        }
-    }
-
-    /// The wall on the line from the middle of the edge between two corners to the cell's centre, from
-    /// one side's 1/z to the other's. It stands in the plane of the recorded rays.
-    void emit_wall(int x, int y, const SplitCell& cell, int a, int b) {
-        const double mx = x + 0.5 + 0.5 * (corner_dx[a] + corner_dx[b]),
-                     my = y + 0.5 + 0.5 * (corner_dy[a] + corner_dy[b]);
-        const auto heights = [&](int c, bool to_next) -> std::array<float, 2> {
-            switch (cell.state[c]) {
-                case Pixel::solid:
-                    return {to_next ? cell.towards_next[c] : cell.towards_last[c], cell.centre[cell.part[c]]};
-                case Pixel::sky:
-                    return {0, 0};
-                default:
-                    return {mesh_.wall_top, mesh_.wall_top};  // nothing is known along this pixel's ray
-            }
-        };
-        const auto from = heights(a, true), to = heights(b, false);
-        if (from == to) return;
-        const auto add = [&](double u, double v, float w) {
-            mesh_.wall_vertices.push_back({float((u - k_.cx) / k_.fx), float((v - k_.cy) / k_.fy), w, 0});
-            return uint32_t(mesh_.wall_vertices.size() - 1);
-        };
-        const uint32_t a_mid = add(mx, my, from[0]), a_centre = add(x + 1.0, y + 1.0, from[1]);
-        mesh_.torn.push_back({a_mid, a_centre, add(x + 1.0, y + 1.0, to[1]), add(mx, my, to[0])});
-    }
-};
-
-}  // namespace
-
 LiftedMesh lift(const Intrinsics& intrinsics, const DepthMap& depth, const LiftOptions& options) {
     if (depth.width != intrinsics.width || depth.height != intrinsics.height || depth.width < 1 || depth.height < 1)
         throw Error(ExitCode::bad_input,
@@ -268,39 +165,24 @@ LiftedMesh lift(const Intrinsics& intrinsics, const DepthMap& depth, const LiftO
                         ", expected " + std::to_string(intrinsics.width) + "x" + std::to_string(intrinsics.height));
     LiftedMesh mesh;
     mesh.intrinsics = intrinsics;
-    mesh.inverse_depth = Grid<float>(depth.width, depth.height);
-    mesh.vertices.resize(depth.size());
-    float nearest_m = 1e12f;
-    for (int y = 0; y < depth.height; ++y) {
-        for (int x = 0; x < depth.width; ++x) {
-            const float z = depth.at(x, y);
-            const bool sky = is_sky(z);
-            const bool valid = is_measured(z);
-            mesh.sky_px += sky;
-            mesh.invalid_px += !sky && !valid;
-            mesh.inverse_depth.at(x, y) = sky ? 0.0f : valid ? 1.0f / z : std::numeric_limits<float>::quiet_NaN();
-            LiftedVertex& vertex = mesh.vertices[size_t(y) * size_t(depth.width) + size_t(x)];
-            if (!valid) {
-                vertex = {0, 0, 0, 0};  // never referenced
-                continue;
-            }
-            nearest_m = std::min(nearest_m, z);
-            const glm::dvec3 p = ray(intrinsics, {x + 0.5, y + 0.5}) * double(z);
-            vertex = {float(p.x), float(p.y), float(p.z), 0};
-        }
-    }
+    const float nearest_m = read_pixels(mesh, depth);
     find_tears(mesh, options);
     // Walls beside a pixel without a measurement end this near to the camera: a power of two, so that
     // the mesh of a scaled scene is the scaled mesh to the bit.
     mesh.wall_top = 1024.0f / nearest_m;
-    Builder(mesh).run();
+    const double px_per_inverse_depth = std::max(intrinsics.fx, intrinsics.fy) * options.baseline_m;
+    const float bound =
+        options.tolerance_px > 0 ? float(std::min(options.tolerance_px / px_per_inverse_depth, 1e30)) : 0;
+    const CellPlan plan = plan_cells({mesh.inverse_depth, mesh.tears}, bound);
+    build_mesh(mesh, plan);
+    snap_pixels(mesh, plan);
     return mesh;
 }
 
 float surface_inverse_depth(const LiftedMesh& mesh, glm::dvec2 u_px) {
     const float nan = std::numeric_limits<float>::quiet_NaN();
     if (!in_image(mesh.intrinsics, u_px)) return nan;
-    const Field field{mesh.inverse_depth, mesh.tears};
+    const SurfaceField field{mesh.inverse_depth, mesh.tears};
     const int cx = int(std::floor(u_px.x - 0.5)), cy = int(std::floor(u_px.y - 0.5));
     const float fx = float(u_px.x - 0.5 - cx), fy = float(u_px.y - 0.5 - cy);
     const int owner = fy < 0.5f ? (fx < 0.5f ? 0 : 1) : (fx < 0.5f ? 3 : 2);
@@ -314,13 +196,13 @@ float surface_inverse_depth(const LiftedMesh& mesh, glm::dvec2 u_px) {
         case Pixel::solid:
             break;
     }
-    const SplitCell cell = split_cell(field, cx, cy);
-    if (cell.joined_next[0] && cell.joined_next[1] && cell.joined_next[2] && cell.joined_next[3]) {
+    if (cx >= 0 && cy >= 0 && cx + 1 < field.w.width && cy + 1 < field.w.height && field.whole(cx, cy)) {
         const float w00 = field.w.at(cx, cy), w10 = field.w.at(cx + 1, cy);
         const float w01 = field.w.at(cx, cy + 1), w11 = field.w.at(cx + 1, cy + 1);
         return fx + fy < 1 ? w00 + fx * (w10 - w00) + fy * (w01 - w00)
                            : w11 + (1 - fx) * (w01 - w11) + (1 - fy) * (w10 - w11);
     }
+    const SplitCell cell = split_cell(field, cx, cy);
     // Bilinear over the owner's quarter: its centre, two half edges, the cell's centre.
     const float ax = 2 * std::fabs(fx - float(corner_dx[owner])), ay = 2 * std::fabs(fy - float(corner_dy[owner]));
     const float own = field.w.at(px, py);

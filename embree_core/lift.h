@@ -30,6 +30,9 @@ struct LiftOptions {
     double tear_px = 2.0;
     /// Share of the step of 1/z that the second differences must reach.
     double tear_break = 0.5;
+    /// How far a point of the surface may move, in pixels of disparity at `baseline_m`, for the sake of
+    /// fewer triangles. 0: every pixel is a vertex.
+    double tolerance_px = 0;
 };
 
 struct LiftedVertex {
@@ -45,10 +48,11 @@ struct LiftedMesh {
     std::vector<LiftedQuad> kept;             ///< lie on one observed surface
     std::vector<LiftedVertex> wall_vertices;  ///< (x/z, y/z, 1/z)
     std::vector<LiftedQuad> torn;             ///< walls across a discontinuity, over wall_vertices
-    float wall_top = 0;                       ///< largest 1/z of a wall
-    Grid<float> inverse_depth;                ///< 1/z at pixel centres; 0 is sky; NaN no measurement
-    Grid<uint8_t> tears;                      ///< bit 0: torn from the right neighbour, bit 1: from the lower
-    uint64_t invalid_px = 0;                  ///< NaN, 0, negative
+    uint64_t kept_triangles = 0;
+    float wall_top = 0;         ///< largest 1/z of a wall
+    Grid<float> inverse_depth;  ///< 1/z at pixel centres; 0 is sky; NaN no measurement
+    Grid<uint8_t> tears;        ///< bit 0: torn from the right neighbour, bit 1: from the lower
+    uint64_t invalid_px = 0;    ///< NaN, 0, negative
     uint64_t sky_px = 0;
 };
 

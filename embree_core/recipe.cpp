@@ -420,7 +420,7 @@ void set_request_key(Request& request, const std::string& key, const std::string
     } else if (key == "view") {
         request.view = one_of({"recorded", "shifted"});
     } else if (key == "tolerance_px") {
-        request.tolerance_px = number_from(0, 0, "0 (a vertex for every pixel; coarser meshes are not built yet)");
+        request.tolerance_px = number_from(0, 4, "0 (a vertex for every pixel) to 4 pixels");
     } else if (key == "method") {
         request.method = one_of({"embree"});
     } else if (key == "clear_m") {

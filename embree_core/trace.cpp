@@ -7,6 +7,8 @@
 #include <embree3/rtcore.h>
 #endif
 
+#include <algorithm>
+#include <atomic>
 #include <cstring>
 #include <limits>
 
@@ -15,9 +17,20 @@
 namespace vshift {
 namespace {
 
+/// What Embree holds at present, over all scenes.
+std::atomic<int64_t> held_bytes{0};
+
 /// The one global: a device is costly to make and safe to share.
 RTCDevice device() {
-    static RTCDevice shared = rtcNewDevice(nullptr);
+    static RTCDevice shared = [] {
+        RTCDevice made = rtcNewDevice(nullptr);
+        const auto count = [](void*, ssize_t bytes, bool) {
+            held_bytes.fetch_add(bytes, std::memory_order_relaxed);
+            return true;
+        };
+        if (made) rtcSetDeviceMemoryMonitorFunction(made, count, nullptr);
+        return made;
+    }();
     if (!shared) throw Error(ExitCode::our_bug, "embree: device: got none, expected one");
     return shared;
 }
@@ -53,10 +66,13 @@ RTCRay make_ray(const glm::vec3& o, const glm::vec3& d, float t_min, float t_max
 struct TracedScene::Impl {
     RTCScene scene = nullptr;
     std::vector<LiftedVertex> vertices;
+    size_t bytes = 0;
 
     Impl(std::vector<LiftedVertex> v, RTCGeometryType type, const void* indices, size_t count)
         : vertices(std::move(v)) {
         const bool quads = type == RTC_GEOMETRY_TYPE_QUAD;
+        device();  // before counting
+        const int64_t held_before = held_bytes;
         const size_t stride = (quads ? 4 : 3) * sizeof(uint32_t);
         RTCGeometry geometry = rtcNewGeometry(device(), type);
         rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, vertices.data(), 0,
@@ -78,6 +94,7 @@ struct TracedScene::Impl {
         rtcReleaseGeometry(geometry);
         rtcCommitScene(scene);
         check("build");
+        bytes = size_t(std::max<int64_t>(0, held_bytes - held_before));
     }
     ~Impl() { rtcReleaseScene(scene); }
     Impl(const Impl&) = delete;
@@ -98,6 +115,10 @@ TracedScene::TracedScene() = default;
 TracedScene::~TracedScene() = default;
 TracedScene::TracedScene(TracedScene&&) noexcept = default;
 TracedScene& TracedScene::operator=(TracedScene&&) noexcept = default;
+
+size_t TracedScene::bytes() const {
+    return impl_ ? impl_->bytes : 0;
+}
 
 bool TracedScene::occluded(const glm::vec3& origin, const glm::vec3& direction, float t_min, float t_max) const {
     if (!impl_ || !(t_min < t_max)) return false;

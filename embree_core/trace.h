@@ -32,6 +32,10 @@ public:
     TracedScene(TracedScene&&) noexcept;
     TracedScene& operator=(TracedScene&&) noexcept;
 
+    /// What Embree holds for it: the tree and its own copy of the indices. Counted while it was built, so
+    /// exact only when nothing else was built meanwhile.
+    size_t bytes() const;
+
     /// Anything on origin + t direction, t_min <= t <= t_max? Not for NaN input.
     bool occluded(const glm::vec3& origin, const glm::vec3& direction, float t_min, float t_max) const;
     /// The nearest such hit.

@@ -52,8 +52,9 @@ void TracedWalls::crossings(const glm::dvec3& origin, const glm::dvec3& directio
 }
 
 LiftedMesh lift_towards(const Intrinsics& intrinsics, const Pose& world_from_cam, const DepthMap& depth,
-                        const glm::dvec3& shifted_centre_m) {
+                        const glm::dvec3& shifted_centre_m, double tolerance_px) {
     LiftOptions options;
+    options.tolerance_px = tolerance_px;
     options.baseline_m = glm::length(shifted_centre_m - world_from_cam.translation_m);
     return lift(intrinsics, depth, options);
 }
@@ -65,8 +66,13 @@ LiftedView build_view(const std::string& name, const Pose& world_from_cam, Lifte
 }
 
 LiftedView lift_view(const std::string& name, const Intrinsics& intrinsics, const Pose& world_from_cam,
-                     const DepthMap& depth, const glm::dvec3& shifted_centre_m) {
-    return build_view(name, world_from_cam, lift_towards(intrinsics, world_from_cam, depth, shifted_centre_m));
+                     const DepthMap& depth, const glm::dvec3& shifted_centre_m, double tolerance_px) {
+    return build_view(name, world_from_cam,
+                      lift_towards(intrinsics, world_from_cam, depth, shifted_centre_m, tolerance_px));
+}
+
+size_t bvh_bytes(const LiftedView& view) {
+    return view.kept.bytes() + view.torn.bytes();
 }
 
 }  // namespace vshift

@@ -20,6 +20,7 @@ public:
     /// Appends every such t.
     void crossings(const glm::dvec3& origin, const glm::dvec3& direction, double begin, double end,
                    std::vector<double>& t) const;
+    size_t bytes() const { return scene_.bytes(); }
 
 private:
     TracedScene scene_;
@@ -35,16 +36,19 @@ struct LiftedView {
     TracedWalls torn;
 };
 
-/// The depth map as a mesh, torn as V's distance asks. `shifted_centre_m`: V's centre in the world.
+/// The depth map as a mesh, torn and collapsed as V's distance asks. `shifted_centre_m`: V's centre in the world.
 LiftedMesh lift_towards(const Intrinsics& intrinsics, const Pose& world_from_cam, const DepthMap& depth,
-                        const glm::dvec3& shifted_centre_m);
+                        const glm::dvec3& shifted_centre_m, double tolerance_px = 0);
 
 /// The mesh, ready to trace.
 LiftedView build_view(const std::string& name, const Pose& world_from_cam, LiftedMesh mesh);
 
 /// Both in one.
 LiftedView lift_view(const std::string& name, const Intrinsics& intrinsics, const Pose& world_from_cam,
-                     const DepthMap& depth, const glm::dvec3& shifted_centre_m);
+                     const DepthMap& depth, const glm::dvec3& shifted_centre_m, double tolerance_px = 0);
+
+/// What the ray tracer holds for a view.
+size_t bvh_bytes(const LiftedView& view);
 
 /// The cameras whose geometry answers a request: `views[own]` is the recorded camera R itself.
 struct LiftedRig {

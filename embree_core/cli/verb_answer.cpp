@@ -38,6 +38,8 @@ ordered_json row_of(const Request& request, const std::string& shift, const Answ
                         {"sky_px", a.sky_px},
                         {"kept_quads", a.kept_quads},
                         {"torn_quads", a.torn_quads},
+                        {"triangles", a.triangles},
+                        {"bvh_bytes", a.bvh_bytes},
                         {"centre_hidden", a.centre_hidden}};
     for (size_t c = 0; c < a.image.names.size(); ++c) {
         const std::string& name = a.image.names[c];
@@ -222,7 +224,8 @@ void add_answer_verbs(CLI::App& app) {
         request_key("--yaw_deg,--yaw-deg", "yaw_deg", "turn of the ego about its z axis, to the left");
         request_key("--from", "from", "self or rig: whose depth maps are used");
         request_key("--view", "view", "recorded or shifted");
-        request_key("--tolerance_px,--tolerance-px", "tolerance_px", "mesh coarsening; 0: a vertex for every pixel");
+        request_key("--tolerance_px,--tolerance-px", "tolerance_px",
+                    "how far surfaces may move for fewer triangles, 0 to 4 px");
         request_key("--method", "method", "embree");
         request_key("--clear_m,--clear-m", "clear_m", "radius round the shifted camera that is taken as free");
         sub->add_option("-o,--output", options->output, "one image: .exr, .png, .pfm or .npy");

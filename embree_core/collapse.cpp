@@ -1,0 +1,155 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "embree_core/collapse.h"
+
+#include <tbb/parallel_for.h>
+
+#include <cmath>
+#include <limits>
+
+namespace vshift {
+namespace {
+
+// Blocks of 32 x 32 cells: larger ones save less than one triangle in a hundred.
+constexpr int most_levels = 5;
+
+/// Whether the parts of a split cell are planes to the bound: any triangles over their points will do.
+bool parts_are_flat(const SurfaceField& field, int x, int y, float bound) {
+    const SplitCell cell = split_cell(field, x, y);
+    for (int p = 0; p < 4; ++p) {
+        if (cell.part[p] != p) continue;
+        const float own = field.w.at(x + corner_dx[p], y + corner_dy[p]);
+        float slope_x = 0, slope_y = 0;
+        int members = 0;
+        const auto sides = [&](int c) {  // half edges along x and y
+            const bool next_is_x = c % 2 == 0;
+            return next_is_x ? std::array<float, 2>{cell.towards_next[c], cell.towards_last[c]}
+                             : std::array<float, 2>{cell.towards_last[c], cell.towards_next[c]};
+        };
+        for (int c = p; c < 4; ++c) {
+            if (cell.part[c] != p) continue;
+            const float value = field.w.at(x + corner_dx[c], y + corner_dy[c]);
+            const auto [along_x, along_y] = sides(c);
+            slope_x += (along_x - value) * (corner_dx[c] ? -2.0f : 2.0f);
+            slope_y += (along_y - value) * (corner_dy[c] ? -2.0f : 2.0f);
+            ++members;
+        }
+        if (members == 1) continue;  // its quarter is drawn as ever
+        slope_x /= float(members), slope_y /= float(members);
+        float low = std::numeric_limits<float>::infinity(), high = -low;
+        const auto add = [&](float value, float dx, float dy) {
+            const float off = (value - own) - slope_x * dx - slope_y * dy;
+            low = std::min(low, off), high = std::max(high, off);
+        };
+        for (int c = p; c < 4; ++c) {
+            if (cell.part[c] != p) continue;
+            const float dx = float(corner_dx[c]), dy = float(corner_dy[c]);
+            const auto [along_x, along_y] = sides(c);
+            add(field.w.at(x + corner_dx[c], y + corner_dy[c]), dx, dy);
+            add(along_x, 0.5f, dy);
+            add(along_y, dx, 0.5f);
+        }
+        add(cell.centre[p], 0.5f, 0.5f);
+        if (!(high - low <= std::min(bound, largest_share * own))) return false;
+    }
+    return true;
+}
+
+/// Whether 1/z over a block's pixels, its border included, lies between two parallel planes that are the
+/// bound apart. Every surface over them does then too, whatever its triangles.
+template <int level>
+bool is_flat(const Grid<float>& w, int block_x, int block_y, float bound) {
+    constexpr int n = 1 << level;
+    const size_t stride = size_t(w.width);
+    const float* corner = &w.data[size_t(block_y << level) * stride + size_t(block_x << level)];
+    const float own = corner[0];
+    const float right = corner[n] - own, below = corner[n * stride] - own, across = corner[n * stride + n] - own;
+    const float slope_x = (right + (across - below)) * (0.5f / n), slope_y = (below + (across - right)) * (0.5f / n);
+    const float lowest = own + std::min(std::min(right, below), std::min(across, 0.0f));
+    bound = std::min(bound, largest_share * lowest);
+    const float middle = (corner[(n / 2) * stride + n / 2] - own) - slope_x * (n / 2) - slope_y * (n / 2);
+    if (!(std::fabs(middle) <= bound)) return false;
+    std::array<float, n + 1> low, high;
+    low.fill(0), high.fill(0);  // the first corner's
+    for (int y = 0; y <= n; ++y) {
+        const float* row = corner + size_t(y) * stride;
+        const float base = slope_y * float(y);
+        for (int x = 0; x <= n; ++x) {
+            const float off = (row[x] - own) - base - slope_x * float(x);
+            low[size_t(x)] = off < low[size_t(x)] ? off : low[size_t(x)];
+            high[size_t(x)] = off > high[size_t(x)] ? off : high[size_t(x)];
+        }
+    }
+    float lowest_off = 0, highest_off = 0;
+    for (int x = 0; x <= n; ++x) {
+        lowest_off = std::min(lowest_off, low[size_t(x)]);
+        highest_off = std::max(highest_off, high[size_t(x)]);
+    }
+    return highest_off - lowest_off <= bound;
+}
+
+template <int level>
+void collapse_level(const SurfaceField& field, CellPlan& plan) {
+    Grid<uint8_t> blocks((field.w.width - 1) >> level, (field.w.height - 1) >> level, 0);
+    const auto child = [&](int x, int y) {
+        if constexpr (level == 1) return plan.kind(x, y) == whole_kind;
+        return level > 1 && plan.is_collapsed(level - 1, x, y);
+    };
+    // A neighbour may be one level finer, no more.
+    const auto neighbour = [&](int x, int y) {
+        if constexpr (level == 1) return plan.kind(x, y) != split_kind;
+        return level > 1 && plan.is_collapsed(level - 1, x, y);
+    };
+    tbb::parallel_for(0, blocks.height, [&](int by) {
+        for (int bx = 0; bx < blocks.width; ++bx) {
+            const int x = 2 * bx, y = 2 * by;
+            if (!child(x, y) || !child(x + 1, y) || !child(x, y + 1) || !child(x + 1, y + 1)) continue;
+            if (!neighbour(x, y - 1) || !neighbour(x + 1, y - 1) || !neighbour(x, y + 2) || !neighbour(x + 1, y + 2) ||
+                !neighbour(x - 1, y) || !neighbour(x - 1, y + 1) || !neighbour(x + 2, y) || !neighbour(x + 2, y + 1))
+                continue;
+            blocks.at(bx, by) = is_flat<level>(field.w, bx, by, plan.bound);
+        }
+    });
+    plan.collapsed.push_back(std::move(blocks));
+    if constexpr (level < most_levels) collapse_level<level + 1>(field, plan);
+}
+
+}  // namespace
+
+CellPlan plan_cells(const SurfaceField& field, float bound) {
+    CellPlan plan;
+    plan.bound = bound;
+    const int width = field.w.width, height = field.w.height;
+    plan.kinds = Grid<uint8_t>(width + 1, height + 1, split_kind);
+    tbb::parallel_for(-1, height, [&](int y) {
+        for (int x = -1; x < width; ++x) {
+            const bool inside = x >= 0 && y >= 0 && x + 1 < width && y + 1 < height;
+            if (inside && field.whole(x, y))
+                plan.kinds.at(x + 1, y + 1) = whole_kind;
+            else if (bound > 0 && parts_are_flat(field, x, y, bound))
+                plan.kinds.at(x + 1, y + 1) = merged_kind;
+        }
+    });
+    if (bound > 0) collapse_level<1>(field, plan);
+    return plan;
+}
+
+BlockPolygon block_polygon(const CellPlan& plan, int level, int block_x, int block_y) {
+    const int n = 1 << level;
+    BlockPolygon ring;
+    int first_middle = -1;
+    for (int c = 0; c < 4; ++c) {
+        const glm::ivec2 corner(corner_dx[c] * n, corner_dy[c] * n);
+        ring.at[size_t(ring.count++)] = corner;
+        if (plan.is_collapsed(level, block_x + beyond_dx[c], block_y + beyond_dy[c])) continue;
+        const int next = (c + 1) % 4;
+        if (first_middle < 0) first_middle = ring.count;
+        ring.at[size_t(ring.count++)] = (corner + glm::ivec2(corner_dx[next] * n, corner_dy[next] * n)) / 2;
+    }
+    // A fan's apex on a side, so that no triangle is flat: the other points lie on other sides, but for the
+    // two corners beside it.
+    ring.middles = first_middle >= 0;
+    if (ring.middles) std::rotate(ring.at.begin(), ring.at.begin() + first_middle, ring.at.begin() + ring.count);
+    return ring;
+}
+
+}  // namespace vshift
