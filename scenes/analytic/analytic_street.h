@@ -27,7 +27,7 @@ inline constexpr size_t kind_count = 7;
 const char* kind_name(Kind kind);
 
 struct StreetOptions {
-    int boxes = 400;      ///< as many, exactly, if more than the placed furniture needs (about 330)
+    int boxes = 400;      ///< exactly so many from 330 on; cars, kiosks and benches alone are 256 to 320
     bool foliage = true;  ///< crowns and plants; the rest of the street is the same without them
 };
 
@@ -93,8 +93,8 @@ std::vector<StreetTruth> street_truths(const StreetScene& street, const std::vec
 /// Kind per pixel of what `cast_camera` hit.
 Grid<uint8_t> kinds_of(const AnalyticStreet& street, const CameraHits& hits);
 
-/// Whether a point lies within `margin_m` of a surface or inside a solid: a free point is farther from every
-/// triangle met on rays all round, and sees no solid from within.
+/// Whether 512 rays all round the point meet nothing nearer than `margin_m` and no surface from behind, as they
+/// would inside a solid.
 bool clear_of_solids(const StreetScene& street, const glm::dvec3& point, double margin_m);
 
 // ---------------------------------------------------------------- colour
