@@ -87,7 +87,7 @@ std::string ProgramRun::told() const {
     return lines.empty() ? ending : ending + ", saying '" + lines.back().substr(0, 300) + "'";
 }
 
-ProgramRun run_program(Words words, Words settings, const std::filesystem::path& folder) {
+ProgramRun run_program(Words words, Words settings, const std::filesystem::path& folder, int time_limit_s) {
     add_environment(settings);
     ProgramRun run;
     int ends[2];
@@ -103,11 +103,11 @@ ProgramRun run_program(Words words, Words settings, const std::filesystem::path&
         run.ending = std::string("not started: ") + std::strerror(error);
         return run;
     }
-    const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(program_time_limit_s);
+    const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(time_limit_s);
     for (bool open = true; open || !child.has_ended();) {
         stop_if_interrupted();
         if (std::chrono::steady_clock::now() > deadline) {
-            run.ending = "no end within " + std::to_string(program_time_limit_s) + " s";
+            run.ending = "no end within " + std::to_string(time_limit_s) + " s";
             return run;
         }
         pollfd output = {open ? child.pipe : -1, POLLIN, 0};

@@ -24,7 +24,8 @@ struct ProgramRun {
 
 /// Runs `words` (the program by its path, then its arguments) in `folder` with `settings`, each NAME=VALUE,
 /// laid over this process's environment and nothing on its standard input. It and what it started are killed
-/// after `program_time_limit_s`, and when a signal comes for us (then throws Error interrupted).
-ProgramRun run_program(Words words, Words settings, const std::filesystem::path& folder = ".");
+/// after `time_limit_s`, and when a signal comes for us (then throws Error interrupted).
+ProgramRun run_program(Words words, Words settings, const std::filesystem::path& folder = ".",
+                       int time_limit_s = program_time_limit_s);
 
 }  // namespace vshift::cli

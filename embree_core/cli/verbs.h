@@ -12,6 +12,7 @@ void add_answer_verbs(CLI::App& app);  // mask, holes, warp
 void add_score_verb(CLI::App& app);
 void add_check_verb(CLI::App& app);
 void add_report_verb(CLI::App& app);
+void add_bench_verb(CLI::App& app);
 
 /// A result as text: a whole file, or standard output when `file` is "-".
 void write_text(const std::string& file, const std::string& text);
