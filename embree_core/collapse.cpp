@@ -9,9 +9,6 @@
 namespace vshift {
 namespace {
 
-// Blocks of 32 x 32 cells: larger ones save less than one triangle in a hundred.
-constexpr int most_levels = 5;
-
 /// Whether the parts of a split cell are planes to the bound: any triangles over their points will do.
 bool parts_are_flat(const SurfaceField& field, int x, int y, float bound) {
     const SplitCell cell = split_cell(field, x, y);
@@ -94,18 +91,10 @@ void collapse_level(const SurfaceField& field, CellPlan& plan) {
         if constexpr (level == 1) return plan.kind(x, y) == whole_kind;
         return level > 1 && plan.is_collapsed(level - 1, x, y);
     };
-    // A neighbour may be one level finer, no more.
-    const auto neighbour = [&](int x, int y) {
-        if constexpr (level == 1) return plan.kind(x, y) != split_kind;
-        return level > 1 && plan.is_collapsed(level - 1, x, y);
-    };
     tbb::parallel_for(0, blocks.height, [&](int by) {
         for (int bx = 0; bx < blocks.width; ++bx) {
             const int x = 2 * bx, y = 2 * by;
             if (!child(x, y) || !child(x + 1, y) || !child(x, y + 1) || !child(x + 1, y + 1)) continue;
-            if (!neighbour(x, y - 1) || !neighbour(x + 1, y - 1) || !neighbour(x, y + 2) || !neighbour(x + 1, y + 2) ||
-                !neighbour(x - 1, y) || !neighbour(x - 1, y + 1) || !neighbour(x + 2, y) || !neighbour(x + 2, y + 1))
-                continue;
             blocks.at(bx, by) = is_flat<level>(field.w, bx, by, plan.bound);
         }
     });
@@ -133,22 +122,44 @@ CellPlan plan_cells(const SurfaceField& field, float bound) {
     return plan;
 }
 
-BlockPolygon block_polygon(const CellPlan& plan, int level, int block_x, int block_y) {
-    const int n = 1 << level;
-    BlockPolygon ring;
-    int first_middle = -1;
-    for (int c = 0; c < 4; ++c) {
-        const glm::ivec2 corner(corner_dx[c] * n, corner_dy[c] * n);
-        ring.at[size_t(ring.count++)] = corner;
-        if (plan.is_collapsed(level, block_x + beyond_dx[c], block_y + beyond_dy[c])) continue;
-        const int next = (c + 1) % 4;
-        if (first_middle < 0) first_middle = ring.count;
-        ring.at[size_t(ring.count++)] = (corner + glm::ivec2(corner_dx[next] * n, corner_dy[next] * n)) / 2;
+BlockBorder block_border(const CellPlan& plan, int level, int block_x, int block_y) {
+    const int n = 1 << level, x0 = block_x << level, y0 = block_y << level;
+    BlockBorder border;
+    border.cells = n;
+    for (int side = 0; side < 4; ++side) {
+        int& count = border.counts[size_t(side)];
+        auto& stops = border.stops[size_t(side)];
+        for (int along = 0; along < n;) {
+            // The cell beyond the border there.
+            const int x = side == 0 ? x0 + along : side == 1 ? x0 + n : side == 2 ? x0 + n - 1 - along : x0 - 1;
+            const int y = side == 0 ? y0 - 1 : side == 1 ? y0 + along : side == 2 ? y0 + n : y0 + n - 1 - along;
+            stops[size_t(count++)] = int16_t(2 * along);
+            const CellKind kind = CellKind(plan.kind(x, y));
+            if (kind == split_kind) stops[size_t(count++)] = int16_t(2 * along + 1);
+            along += kind == whole_kind ? std::min(n, 1 << plan.level(x, y)) : 1;
+        }
     }
-    // A fan's apex on a side, so that no triangle is flat: the other points lie on other sides, but for the
-    // two corners beside it.
-    ring.middles = first_middle >= 0;
-    if (ring.middles) std::rotate(ring.at.begin(), ring.at.begin() + first_middle, ring.at.begin() + ring.count);
+    return border;
+}
+
+BlockFan block_fan(const BlockBorder& border) {
+    const int most = *std::max_element(border.counts.begin(), border.counts.end());
+    return border.count() == 4                  ? BlockFan::quad
+           : most <= 2 && border.cells % 2 == 0 ? BlockFan::side
+                                                : BlockFan::centre;
+}
+
+BlockRing block_ring(const BlockBorder& border) {
+    BlockRing ring;
+    int first_middle = 0;
+    for (int side = 0; side < 4; ++side)
+        for (int i = 0; i < border.counts[size_t(side)]; ++i) {
+            const int stop = border.stops[size_t(side)][size_t(i)];
+            if (i > 0 && first_middle == 0) first_middle = ring.count;
+            ring.at[size_t(ring.count++)] = BlockBorder::place(side, border.cells, stop / 2, 0);
+        }
+    // A fan's apex between two corners, so that no triangle is flat: all other points lie on other sides.
+    std::rotate(ring.at.begin(), ring.at.begin() + first_middle, ring.at.begin() + ring.count);
     return ring;
 }
 

@@ -163,15 +163,31 @@ private:
     }
 
     void emit_block(Band& band, int level, int block_x, int block_y) {
-        const BlockPolygon polygon = block_polygon(plan_, level, block_x, block_y);
-        std::array<uint32_t, 8> ring;
-        for (int i = 0; i < polygon.count; ++i)
-            ring[size_t(i)] =
-                pixel((block_x << level) + polygon.at[size_t(i)].x, (block_y << level) + polygon.at[size_t(i)].y);
-        if (!polygon.middles)
-            add_quad(band, {ring[0], ring[1], ring[2], ring[3]});
-        else
-            add_fan(band, ring[0], &ring[1], size_t(polygon.count) - 1);
+        const int x0 = block_x << level, y0 = block_y << level, n = 1 << level;
+        const BlockBorder border = block_border(plan_, level, block_x, block_y);
+        const BlockFan fan = block_fan(border);
+        if (fan != BlockFan::centre) {
+            std::array<uint32_t, 8> ring{};
+            const BlockRing points = block_ring(border);
+            for (size_t i = 0; i < size_t(points.count); ++i) ring[i] = pixel(x0 + points.at[i].x, y0 + points.at[i].y);
+            if (fan == BlockFan::quad)
+                add_quad(band, {ring[0], ring[1], ring[2], ring[3]});
+            else
+                add_fan(band, ring[0], &ring[1], size_t(points.count) - 1);
+            return;
+        }
+        std::array<uint32_t, (8 << most_levels) + 1> ring{};
+        size_t count = 0;
+        for (int side = 0; side < 4; ++side)
+            for (int i = 0; i < border.counts[size_t(side)]; ++i) {
+                const int stop = border.stops[size_t(side)][size_t(i)];
+                const glm::ivec2 at = BlockBorder::place(side, n, stop / 2, 0);
+                const glm::ivec2 step = BlockBorder::place(side, n, 1, 0) - BlockBorder::place(side, n, 0, 0);
+                ring[count++] =
+                    stop % 2 == 0 ? pixel(x0 + at.x, y0 + at.y) : half_edge(x0 + at.x, y0 + at.y, step.x, step.y);
+            }
+        ring[count++] = ring[0];
+        add_fan(band, pixel(x0 + n / 2, y0 + n / 2), ring.data(), count);
     }
 
     /// Triangles (apex, ring[i], ring[i + 1]), two to a quad: quads are split along corners 1 and 3.

@@ -65,22 +65,28 @@ RTCRay make_ray(const glm::vec3& o, const glm::vec3& d, float t_min, float t_max
 
 struct TracedScene::Impl {
     RTCScene scene = nullptr;
-    std::vector<LiftedVertex> vertices;
+    std::vector<LiftedVertex> own_vertices;
     size_t bytes = 0;
 
-    Impl(std::vector<LiftedVertex> v, RTCGeometryType type, const void* indices, size_t count)
-        : vertices(std::move(v)) {
-        const bool quads = type == RTC_GEOMETRY_TYPE_QUAD;
+    /// Vertices and indices are the caller's, to be kept as long as this.
+    Impl(const std::vector<LiftedVertex>& vertices, RTCGeometryType type, const void* indices, size_t count,
+         bool share_indices) {
         device();  // before counting
         const int64_t held_before = held_bytes;
+        const bool quads = type == RTC_GEOMETRY_TYPE_QUAD;
+        const RTCFormat format = quads ? RTC_FORMAT_UINT4 : RTC_FORMAT_UINT3;
         const size_t stride = (quads ? 4 : 3) * sizeof(uint32_t);
         RTCGeometry geometry = rtcNewGeometry(device(), type);
         rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, vertices.data(), 0,
                                    sizeof(LiftedVertex), vertices.size());
-        void* own = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0,
-                                            quads ? RTC_FORMAT_UINT4 : RTC_FORMAT_UINT3, stride, count);
-        check("index buffer");
-        std::memcpy(own, indices, stride * count);
+        if (share_indices) {
+            rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, format, indices, 0, stride, count);
+        } else {
+            void* own = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, format, stride, count);
+            check("index buffer");
+            std::memcpy(own, indices, stride * count);
+        }
+        check("buffers");
         rtcSetGeometryMask(geometry, 0xffffffffu);
         // LOW builds several times faster and traces about as fast on the regular quads of a height
         // field; long thin walls and true meshes want the better tree.
@@ -103,12 +109,13 @@ struct TracedScene::Impl {
 
 TracedScene::TracedScene(const std::vector<LiftedVertex>& vertices, const std::vector<LiftedQuad>& quads) {
     if (quads.empty()) return;
-    impl_ = std::make_unique<Impl>(vertices, RTC_GEOMETRY_TYPE_QUAD, quads.data(), quads.size());
+    impl_ = std::make_unique<Impl>(vertices, RTC_GEOMETRY_TYPE_QUAD, quads.data(), quads.size(), true);
 }
 
 TracedScene::TracedScene(std::vector<LiftedVertex> vertices, const std::vector<std::array<uint32_t, 3>>& triangles) {
     if (triangles.empty()) return;
-    impl_ = std::make_unique<Impl>(std::move(vertices), RTC_GEOMETRY_TYPE_TRIANGLE, triangles.data(), triangles.size());
+    impl_ = std::make_unique<Impl>(vertices, RTC_GEOMETRY_TYPE_TRIANGLE, triangles.data(), triangles.size(), false);
+    impl_->own_vertices = std::move(vertices);  // keeps its place in memory
 }
 
 TracedScene::TracedScene() = default;
@@ -159,7 +166,8 @@ std::string tracer_version() {
 
 bool tracer_self_test() {
     const std::vector<LiftedVertex> corners = {{-1, -1, 2, 0}, {1, -1, 2, 0}, {1, 1, 2, 0}, {-1, 1, 2, 0}};
-    const TracedScene scene(corners, {LiftedQuad{0, 1, 2, 3}});
+    const std::vector<LiftedQuad> quads = {{0, 1, 2, 3}};
+    const TracedScene scene(corners, quads);
     const Hit hit = scene.intersect({0.25f, -0.5f, 0}, {0, 0, 1}, 0, 10);
     return hit && hit.t > 1.9999f && hit.t < 2.0001f && scene.occluded({0, 0, 0}, {0, 0, 1}, 0, 10) &&
            !scene.occluded({3, 0, 0}, {0, 0, 1}, 0, 10) && !scene.occluded({0, 0, 0}, {0, 0, -1}, 0, 10);

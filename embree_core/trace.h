@@ -25,15 +25,17 @@ struct Hit {
 class TracedScene {
 public:
     TracedScene();  ///< nothing in it: every ray misses
-    /// Vertices are copied; quads that repeat their last corner are triangles.
+    /// Both are used where they lie: they must stay there as long as the scene (a vector may be moved).
+    /// Quads that repeat their last corner are triangles.
     TracedScene(const std::vector<LiftedVertex>& vertices, const std::vector<LiftedQuad>& quads);
+    /// Copies what it needs.
     TracedScene(std::vector<LiftedVertex> vertices, const std::vector<std::array<uint32_t, 3>>& triangles);
     ~TracedScene();
     TracedScene(TracedScene&&) noexcept;
     TracedScene& operator=(TracedScene&&) noexcept;
 
-    /// What Embree holds for it: the tree and its own copy of the indices. Counted while it was built, so
-    /// exact only when nothing else was built meanwhile.
+    /// What Embree holds for it beside the mesh. Counted while it was built, so exact only when nothing
+    /// else was built meanwhile.
     size_t bytes() const;
 
     /// Anything on origin + t direction, t_min <= t <= t_max? Not for NaN input.

@@ -10,8 +10,8 @@
 
 namespace vshift {
 
-/// The torn walls of one depth map, ready to trace. Lines are origin + t direction in the camera's frame;
-/// they are carried over to projective coordinates, where walls live (lift.h).
+/// The torn walls of one depth map, ready to trace; the mesh must stay alive. Lines are origin + t direction in the
+/// camera's frame; they are carried over to projective coordinates, where walls live (lift.h).
 class TracedWalls {
 public:
     explicit TracedWalls(const LiftedMesh& mesh);
@@ -47,7 +47,7 @@ LiftedView build_view(const std::string& name, const Pose& world_from_cam, Lifte
 LiftedView lift_view(const std::string& name, const Intrinsics& intrinsics, const Pose& world_from_cam,
                      const DepthMap& depth, const glm::dvec3& shifted_centre_m, double tolerance_px = 0);
 
-/// What the ray tracer holds for a view.
+/// What the ray tracer holds for a view beside its mesh.
 size_t bvh_bytes(const LiftedView& view);
 
 /// The cameras whose geometry answers a request: `views[own]` is the recorded camera R itself.
