@@ -42,7 +42,7 @@ CellPlan plan_cells(const SurfaceField& field, float bound);
 /// The bound at a place: no depth changes by more than about this share, however small the shift.
 inline constexpr float largest_share = 0.01f;
 
-// Blocks of 32 x 32 cells: larger ones save less than one triangle in a hundred.
+// Blocks of 32 x 32 cells: on streets there are so few of them that larger ones save next to nothing.
 inline constexpr int most_levels = 5;
 
 /// The border of a collapsed block as the neighbours see it: on each side, in ring order, where its vertices

@@ -11,6 +11,10 @@
 // Surfaces are given in camera coordinates. Walls are given in projective ones, (x/z, y/z, 1/z), where
 // straight lines stay straight: there a wall is upright, thin and finite even when it ends at the sky
 // (1/z = 0), while in space it would be a needle along the recorded rays, which no ray tracer likes.
+//
+// Under a tolerance flat areas collapse into few triangles (collapse.h). Pixels that are no vertices any more
+// then move onto the mesh, in `vertices` and in `inverse_depth`: rays that start there start on the surface
+// itself, so their offset need not grow with the tolerance. Tears and walls are found before and stay.
 #pragma once
 #include <array>
 #include <cstdint>
