@@ -133,6 +133,11 @@ ordered_json run_bench(const Options& options, const Hooks& hooks) {
                        {"note",
                         "our own short rendering of TrajectoryCrafter's and CogNVS's depth-weighted forward splat, "
                         "then a depth test with bias 2 %"}});
+    methods.push_back({{"method", "shell_truth"},
+                       {"label", "all that one view can know"},
+                       {"group", "limit"},
+                       {"note", "the shell's truth as if it were a method: its distance from the scene is what one "
+                                "recording cannot know"}});
     bench.out["methods"] = std::move(methods);
 
     // Times first, while the machine is as cool as it was found.

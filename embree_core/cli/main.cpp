@@ -51,9 +51,7 @@ int main(int argc, char** argv) {
         cli::add_score_verb(app);
         cli::add_check_verb(app);
         cli::add_report_verb(app);
-#ifdef VSHIFT_BENCH
         cli::add_bench_verb(app);
-#endif
         try {
             app.parse(argc, argv);
         } catch (const CLI::Success& e) {
