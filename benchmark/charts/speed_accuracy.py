@@ -23,6 +23,7 @@ STYLE = {"svg.hashsalt": "vshift", "font.size": 10, "axes.grid": True, "grid.col
 LOOK = {"sweep": ("#d55e00", "o"), "embree_0.1": ("#0a7fc2", "s"), "embree_0.02": ("#56b4e9", "D"), "embree": ("#004d7a", "^"),
         "splat_1": ("#009e73", "v"), "splat_3": ("#7cc6a5", "P"), "ztest_true": ("#8f99a3", "X"),
         "torch_splat": ("#cc79a7", "h"), "brute_force": ("#6b5b3e", "*"), "copy": ("#333333", "|")}
+SIZE = {"embree_0.1": 12, "embree_0.02": 8, "embree": 6, "brute_force": 12}  # they may fall on each other
 
 
 def pick(row, threads=1):
@@ -69,7 +70,7 @@ def panel(ax, summary, score, title, bench):
                 ax.errorbar(x["median"], y, xerr=[[x["median"] - x["q1"]], [x["q3"] - x["median"]]],
                             yerr=[[max(y - low, 0)], [max(high - y, 0)]], fmt="none", ecolor=colour,
                             elinewidth=.9, alpha=.7 if number == 0 else 0, capsize=2)
-                ax.plot(x["median"], y, marker=marker, color=colour, markersize=9 if number == 0 else 5,
+                ax.plot(x["median"], y, marker=marker, color=colour, markersize=SIZE.get(row["method"], 9) if number == 0 else 5,
                         markerfacecolor=colour if filled else "white", markeredgewidth=1.3, linestyle="none",
                         alpha=1 if number == 0 else .6, zorder=3)
             if number > 0 and cases:
@@ -140,8 +141,9 @@ def draw_accuracy(bench):
             ax.text(.99, y, "all that one view can know, against the scene", transform=ax.get_yaxis_transform(), fontsize=8,
                     ha="right", va="bottom")
     handles = []
-    measured = [row for row in summary if row["method"] in LOOK and row["method"] != "copy"]
-    for row in measured:
+    for row in summary:
+        if row["method"] not in LOOK or row["method"] == "copy":
+            continue
         colour, marker = LOOK[row["method"]]
         label = row["label"]
         if row["method"] == "brute_force":
@@ -150,14 +152,15 @@ def draw_accuracy(bench):
             label += f" ({bench['torch']})" if row["method"] == "torch_splat" else " (not measured)"
         handles.append(Line2D([], [], color=colour, marker=marker, linestyle="none", markersize=8, label=label))
     ink = "#333333"
-    handles += [Line2D([], [], color=ink, marker="o", linestyle="none", markersize=8, label="filled: against what the view shows (shell)"),
-                Line2D([], [], color=ink, marker="o", markerfacecolor="white", linestyle="none", markersize=8, label="hollow: against the scene"),
-                Line2D([], [], color=ink, marker="o", linestyle="none", markersize=4, label="small: time of a side camera, and forward"),
-                Line2D([], [], color=ink, linestyle=":", label="physical bound: read depth, write mask")]
-    figure.legend(handles=handles, loc="lower center", ncol=4, bbox_to_anchor=(.5, .065), fontsize=9)
+    notes = [Line2D([], [], color=ink, marker="o", linestyle="none", markersize=8, label="filled: against what the view shows (shell)"),
+             Line2D([], [], color=ink, marker="o", markerfacecolor="white", linestyle="none", markersize=8, label="hollow: against the scene"),
+             Line2D([], [], color=ink, marker="o", linestyle="none", markersize=4, label="small: time of other timed cases (side camera, forward)")]
+    methods = figure.legend(handles=handles, loc="upper left", ncol=3, bbox_to_anchor=(.04, .2), fontsize=9)
+    figure.add_artist(methods)
+    figure.legend(handles=notes, loc="upper right", ncol=1, bbox_to_anchor=(.995, .2), fontsize=9)
     figure.text(.5, .015, caption(bench) + "\nBig marker: front camera, 2 m sideways (row-aligned). Bars: quartiles of runs and of cases.",
                 ha="center", fontsize=8, color="#444444", linespacing=1.5)
-    figure.subplots_adjust(left=.045, right=.99, top=.94, bottom=.29, wspace=.16)
+    figure.subplots_adjust(left=.045, right=.99, top=.94, bottom=.28, wspace=.16)
     return figure
 
 
@@ -216,7 +219,7 @@ def draw_cost(bench):
         ax.legend(loc="upper center", bbox_to_anchor=(.5, -.13), ncol=2, fontsize=8.5)
     axes[0].set_ylabel("core time per frame")
     figure.text(.5, .015, caption(bench), ha="center", fontsize=8, color="#444444")
-    figure.subplots_adjust(left=.05, right=.99, top=.93, bottom=.33, wspace=.16)
+    figure.subplots_adjust(left=.06, right=.99, top=.93, bottom=.33, wspace=.16)
     return figure
 
 

@@ -39,15 +39,23 @@ ordered_json pooled(const std::vector<const ordered_json*>& rows, const std::str
 
 }  // namespace
 
-void Plan::run(const Hooks& hooks) {
+ordered_json Plan::run(const Hooks& hooks) {
     double total = 0, done = 0;
+    ordered_json took = ordered_json::array();
     for (const Step& step : steps_) total += step.seconds;
     // In tenths of a second: small runs too have steps to count.
     for (const Step& step : steps_) {
         hooks.show(size_t(done * 10), size_t(total * 10) + 1, step.what);
+        const Stopwatch watch;
         step.work();
+        const Sample sample = watch.read();
+        took.push_back({{"what", step.what},
+                        {"foreseen_s", step.seconds},
+                        {"wall_s", sample.wall_ms / 1e3},
+                        {"cpu_s", sample.cpu_ms / 1e3}});
         done += step.seconds;
     }
+    return took;
 }
 
 /// One row per method: its cost in core-milliseconds and its scores over all cases that shift at all.
@@ -136,8 +144,9 @@ ordered_json run_bench(const Options& options, const Hooks& hooks) {
     methods.push_back({{"method", "shell_truth"},
                        {"label", "all that one view can know"},
                        {"group", "limit"},
-                       {"note", "the shell's truth as if it were a method: its distance from the scene is what one "
-                                "recording cannot know"}});
+                       {"note",
+                        "the shell's truth as if it were a method: its distance from the scene is what one "
+                        "recording cannot know"}});
     bench.out["methods"] = std::move(methods);
 
     // Times first, while the machine is as cool as it was found.
@@ -147,10 +156,11 @@ ordered_json run_bench(const Options& options, const Hooks& hooks) {
     plan_accuracy(bench, plan);
     plan_torch(bench, plan);
     plan_rig(bench, plan);
-    plan.run(hooks);
+    ordered_json steps = plan.run(hooks);
     bench.out["torch"] = bench.no_torch.empty() ? "measured" : "not measured: " + bench.no_torch;
     summarise(bench);
     bench.out["machine"]["load_after"] = load();
+    bench.out["steps"] = std::move(steps);
     bench.out["seconds"] = whole.read().wall_ms / 1e3;
     return std::move(bench.out);
 }
@@ -181,7 +191,7 @@ std::string bench_csv(const ordered_json& bench) {
     std::ostringstream out;
     out << "section,method,camera,shift,threads,quantity,value\n";
     for (const auto& [section, rows] : bench.items()) {
-        if (section == "methods" || !(rows.is_array() || section == "steady")) continue;
+        if (section == "methods" || section == "steps" || !(rows.is_array() || section == "steady")) continue;
         const auto line = [&, name = section](const ordered_json& row) {
             flatten(row, "",
                     name + ',' + field(row, "method") + ',' + field(row, "camera") + ',' + field(row, "shift") + ',' +

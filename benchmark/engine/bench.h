@@ -43,7 +43,8 @@ public:
     void add(double seconds, std::string what, std::function<void()> work) {
         steps_.push_back({seconds, std::move(what), std::move(work)});
     }
-    void run(const Hooks& hooks);
+    /// What every step took: {what, foreseen_s, wall_s, cpu_s}.
+    ordered_json run(const Hooks& hooks);
 
 private:
     struct Step {
