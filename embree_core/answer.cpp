@@ -7,6 +7,7 @@
 
 #include "embree_core/holes.h"
 #include "embree_core/mask.h"
+#include "embree_core/sweep.h"
 #include "embree_core/version.h"
 
 namespace vshift {
@@ -88,12 +89,52 @@ const ColorImage& FrameFiles::color(const std::string& camera, int frame) {
     return colors_[camera] = read_color(recipe_.path(spec.image, frame), spec.intrinsics.width, spec.intrinsics.height);
 }
 
-Answer answer(const Recipe& recipe, const Request& request, FrameFiles& files) {
-    const CameraSpec& own = recipe.camera(request.camera);
-    const Pose world_from_own_ego = recipe.world_from_ego(own.name, request.frame);
-    const ShiftedCamera shifted{own.intrinsics,
-                                compose(world_from_own_ego, shifted_ego_from_cam(own.ego_from_cam, request.shift))};
-    Answer out;
+namespace {
+
+/// The own camera and V, in the world.
+struct Views {
+    const CameraSpec& own;
+    Pose world_from_own;
+    ShiftedCamera shifted;
+};
+
+void add_mask(const RecordedMasks& m, Channels& image) {
+    image.add("lost", plane_of(m.lost));
+    image.add("occluded", plane_of(m.occluded));
+    image.add("outside", plane_of(m.outside));
+    image.add("unknown", plane_of(m.unknown));
+    image.add("unseen", plane_of(m.unseen));
+}
+
+/// A mask from the own depth map by sweeping.
+void sweep_answer(const Views& views, const Request& request, FrameFiles& files, Answer& out) {
+    const Intrinsics& k = views.own.intrinsics;
+    auto start = Clock::now();
+    const DepthMap& depth = files.depth(views.own.name, request.frame);
+    out.times.read_ms = ms_since(start);
+    start = Clock::now();
+    for (const float z : depth.data) {
+        out.sky_px += is_sky(z);
+        out.invalid_px += !is_sky(z) && !is_measured(z);
+    }
+    const SweepCamera camera{k, views.shifted.intrinsics,
+                             compose(inverse(views.world_from_own), views.shifted.world_from_cam), request.clear_m};
+    Sweeper sweeper;
+    Grid<uint8_t> classes;
+    sweeper.classes(camera, depth, classes);
+    add_mask(masks_of(classes), out.image);
+    out.times.cast_ms = ms_since(start);
+    const glm::dvec3 centre = camera.recorded_from_shifted.translation_m;
+    if (const auto u = project(k, centre); u && centre.z > 1e-6 && in_image(k, *u)) {
+        const float z = depth.at(int(u->x), int(u->y));
+        out.centre_hidden = is_measured(z) && centre.z > double(z);
+    }
+}
+
+/// Any answer, from lifted meshes by casting rays.
+void cast_answer(const Recipe& recipe, const Views& views, const Request& request, FrameFiles& files, Answer& out) {
+    const CameraSpec& own = views.own;
+    const ShiftedCamera& shifted = views.shifted;
     LiftedRig rig;
     std::vector<ColorImage> images;
     const bool colors = has_colors(request);
@@ -126,15 +167,8 @@ Answer answer(const Recipe& recipe, const Request& request, FrameFiles& files) {
 
     const auto start = Clock::now();
     Channels& image = out.image;
-    image.width = own.intrinsics.width;
-    image.height = own.intrinsics.height;
     if (request.out == "mask") {
-        const RecordedMasks m = mask(rig, shifted, request.clear_m);
-        image.add("lost", plane_of(m.lost));
-        image.add("occluded", plane_of(m.occluded));
-        image.add("outside", plane_of(m.outside));
-        image.add("unknown", plane_of(m.unknown));
-        image.add("unseen", plane_of(m.unseen));
+        add_mask(mask(rig, shifted, request.clear_m), image);
     } else {
         const ShiftedHoles h = holes(rig, shifted);
         if (request.out == "holes") {
@@ -153,10 +187,28 @@ Answer answer(const Recipe& recipe, const Request& request, FrameFiles& files) {
         }
     }
     out.times.cast_ms = ms_since(start);
+}
+
+}  // namespace
+
+Answer answer(const Recipe& recipe, const Request& request, FrameFiles& files) {
+    const CameraSpec& own = recipe.camera(request.camera);
+    const Views views{own,
+                      recipe.world_from_cam(own.name, request.frame),
+                      {own.intrinsics, compose(recipe.world_from_ego(own.name, request.frame),
+                                               shifted_ego_from_cam(own.ego_from_cam, request.shift))}};
+    Answer out;
+    out.image.width = own.intrinsics.width;
+    out.image.height = own.intrinsics.height;
+    const std::string method = chosen_method(request);
+    if (method == "sweep")
+        sweep_answer(views, request, files, out);
+    else
+        cast_answer(recipe, views, request, files, out);
 
     const glm::dvec3 s = request.shift.translation_m;
     const Intrinsics& k = own.intrinsics;
-    auto& meta = image.metadata;
+    auto& meta = out.image.metadata;
     meta["vshift.version"] = version_string;
     meta["vshift.out"] = request.out;
     meta["vshift.camera"] = own.name;
@@ -164,12 +216,12 @@ Answer answer(const Recipe& recipe, const Request& request, FrameFiles& files) {
     meta["vshift.shift_m"] = number(s.x) + " " + number(s.y) + " " + number(s.z);
     meta["vshift.yaw_deg"] = number(request.shift.yaw_rad * degrees_per_radian);
     meta["vshift.from"] = request.from == Source::rig ? "rig" : "self";
-    meta["vshift.method"] = request.method;
+    meta["vshift.method"] = method;
     if (request.tolerance_px > 0) meta["vshift.tolerance_px"] = number(request.tolerance_px);
     meta["vshift.clear_m"] = number(request.clear_m);
     meta["vshift.intrinsic"] =
         number(k.fx) + " 0 " + number(k.cx) + " 0 " + number(k.fy) + " " + number(k.cy) + " 0 0 1";
-    const Pose seen_from = request.out == "mask" ? own_view.world_from_cam : shifted.world_from_cam;
+    const Pose seen_from = request.out == "mask" ? views.world_from_own : views.shifted.world_from_cam;
     meta["vshift.worldToCamera"] = matrix_text(inverse(seen_from));
     meta["vshift.invalid_px"] = std::to_string(out.invalid_px);
     meta["vshift.sky_px"] = std::to_string(out.sky_px);

@@ -253,12 +253,22 @@ std::string request_text(const json& value, const std::string& where) {
     refuse(where, shown(value), "text or numbers");
 }
 
+/// The sweep answers for one height field, at full resolution.
+bool can_sweep(const Request& request) {
+    return request.out == "mask" && request.from == Source::self && request.tolerance_px == 0;
+}
+
 void check_against(const Recipe& recipe, const Request& request, const std::string& where) {
     if (!request.camera.empty() && request.camera != "*") recipe.camera(request.camera);
     recipe.frame(request.frame);
     const std::string view = request.out == "mask" ? "recorded" : "shifted";
     if (!request.view.empty() && request.view != view)
         refuse(where + ": view", shown(request.view), view + " for out=" + request.out);
+    if (request.method == "sweep" && !can_sweep(request))
+        refuse(where + ": method",
+               "'sweep' for out=" + request.out + ", from=" + (request.from == Source::rig ? "rig" : "self") +
+                   (request.tolerance_px > 0 ? " and a mesh tolerance" : ""),
+               "out=mask, from=self and tolerance_px=0, or method=embree");
 }
 
 }  // namespace
@@ -422,7 +432,7 @@ void set_request_key(Request& request, const std::string& key, const std::string
     } else if (key == "tolerance_px") {
         request.tolerance_px = number_from(0, 4, "0 (a vertex for every pixel) to 4 pixels");
     } else if (key == "method") {
-        request.method = one_of({"embree"});
+        request.method = one_of({"auto", "sweep", "embree"});
     } else if (key == "clear_m") {
         request.clear_m = number_from(0, 1000, "metres from 0 to 1000");
     } else {
@@ -462,6 +472,11 @@ std::string canonical_text(const Request& request) {
     text += "&method=" + request.method;
     text += "&clear_m=" + number(request.clear_m);
     return text;
+}
+
+std::string chosen_method(const Request& request) {
+    if (request.method != "auto") return request.method;
+    return can_sweep(request) ? "sweep" : "embree";
 }
 
 std::vector<std::string> requested_cameras(const Recipe& recipe, const Request& request) {

@@ -53,7 +53,7 @@ struct Request {
     Source from = Source::self;
     std::string view;  ///< "recorded" or "shifted"; empty: the default of `out`
     double tolerance_px = 0;
-    std::string method = "embree";
+    std::string method = "auto";  ///< see `chosen_method`
     double clear_m = 2.0;
 };
 
@@ -85,6 +85,10 @@ void set_request_key(Request& request, const std::string& key, const std::string
 /// Every key of a request with its value, `camera=A&frame=0&shift=0,1,0&...`: two requests that ask for the
 /// same have the same text, and `resolve_request` takes it back.
 std::string canonical_text(const Request& request);
+
+/// "sweep" or "embree": what the request names, or, for "auto", the sweep for a mask from the own depth map alone
+/// and Embree for all else.
+std::string chosen_method(const Request& request);
 
 /// Cameras that a request asks for: the one it names, or all.
 std::vector<std::string> requested_cameras(const Recipe& recipe, const Request& request);

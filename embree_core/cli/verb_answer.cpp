@@ -25,6 +25,7 @@ struct Options {
 ordered_json row_of(const Request& request, const std::string& shift, const Answer& a) {
     ordered_json row = {{"method", request.from == Source::rig ? "rig" : "self"},
                         {"out", request.out},
+                        {"engine", chosen_method(request)},
                         {"shift", shift},
                         {"frame", request.frame},
                         {"camera", request.camera},
@@ -226,7 +227,7 @@ void add_answer_verbs(CLI::App& app) {
         request_key("--view", "view", "recorded or shifted");
         request_key("--tolerance_px,--tolerance-px", "tolerance_px",
                     "how far surfaces may move for fewer triangles, 0 to 4 px");
-        request_key("--method", "method", "embree");
+        request_key("--method", "method", "auto, sweep (masks from the own depth map) or embree");
         request_key("--clear_m,--clear-m", "clear_m", "radius round the shifted camera that is taken as free");
         sub->add_option("-o,--output", options->output, "one image: .exr, .png, .pfm or .npy");
         sub->add_option("--out-dir", options->out_dir, "many images: DIR/SHIFT/FFFF/CAMERA.exr");

@@ -188,6 +188,7 @@ REQUEST = [
     ("unknown camera", good, MASK + " --camera AA", 3, R + r"camera: got 'AA', expected one of A, B \(did you mean A\?\)"),
     ("unknown frame", good, MASK + " --frame 7", 3, R + "frame: got 7, expected one of the 2 frames from 0 to 1"),
     ("frame -1", good, MASK + " --frame=-1", 3, R + "frame: got '-1', expected a whole number >= 0"),
+    ("sweep of the rig", good, MASK + " --method sweep --from rig", 3, R + r"method: got 'sweep' for out=mask, from=rig, expected"),
     ("unknown method", good, MASK + " --method embre", 3, R + r"method: got 'embre', expected one of .*did you mean embree\?"),
     ("unknown view", good, MASK + " --view shift", 3, R + r"view: got 'shift', expected .*did you mean shifted\?"),
     ("view of another out", good, MASK + " --view shifted", 3, R + "view: got 'shifted', expected recorded for out=mask"),

@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+// Role: the mask of one camera without a mesh: sweeps along epipolar lines. Stage: mask (method.md section 2).
+//
+// In (u, v, 1/z) the segment from a surface point to V's centre is straight, and the depth map is a height
+// field over (u, v). All segments of an epipolar plane lie over one line of the image and run to one end
+// (the epipole, or infinity), so along that line they are ordered by where V sees them: the key. A point is
+// hidden when something ahead of it on the way to V has no smaller key; it is occluded when an observed
+// surface covers its key, unknown when only torn walls do. One pass from V's end answers a whole line.
+//
+// A shift along the image rows is exact: the lines are the pixel rows. Other shifts sample the height field
+// along lines that are at most one pixel apart, and each pixel takes the answer of the nearest one.
+#pragma once
+#include <memory>
+
+#include "embree_core/mask.h"
+
+namespace vshift {
+
+/// Bits of a pixel's class; none of them: visible.
+enum ClassBit : uint8_t { occluded_bit = 1, outside_bit = 2, unknown_bit = 4, unseen_bit = 8 };
+
+struct SweepCamera {
+    Intrinsics recorded, shifted;
+    Pose recorded_from_shifted;  ///< V in R's frame
+    double clear_m = 2.0;        ///< radius round V's centre that is taken as free
+    double lines_per_px = 1.5;   ///< where lines are not the rows: how close they lie at the image's far border
+};
+
+/// Keeps its buffers between frames. One sweeper serves one thread; inside it uses all cores.
+class Sweeper {
+public:
+    Sweeper();
+    ~Sweeper();
+
+    /// One byte of ClassBits per pixel. The same bytes whatever the number of threads. Throws Error
+    /// bad_input when a size does not fit.
+    void classes(const SweepCamera& camera, const DepthMap& depth, Grid<uint8_t>& out);
+
+private:
+    struct Buffers;
+    std::unique_ptr<Buffers> buffers_;
+};
+
+RecordedMasks masks_of(const Grid<uint8_t>& classes);
+
+}  // namespace vshift

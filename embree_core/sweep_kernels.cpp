@@ -1,0 +1,310 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "embree_core/sweep_kernels.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <limits>
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "embree_core/sweep_kernels.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+HWY_BEFORE_NAMESPACE();
+namespace vshift::sweep {
+namespace HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+// Sixteen samples at a time whatever the machine's width, so that every machine takes the same steps.
+constexpr size_t block = 16;
+using F = hn::CappedTag<float, block>;
+using I = hn::RebindToSigned<F>;
+using V = hn::Vec<F>;
+
+// What is nearer than 1 / solid_q is a surface; a sky pixel's q is 0 or, with its mark, a denormal.
+constexpr float solid_q = 1e-20f;
+
+HWY_INLINE V inverse_of(V z) {
+    const F f;
+    const V q = hn::Div(hn::Set(f, 1.0f), z);
+    const V nan = hn::Set(f, std::numeric_limits<float>::quiet_NaN());
+    const auto sky = hn::Gt(z, hn::Set(f, 1e12f));
+    const auto measured = hn::Gt(z, hn::Set(f, 1e-12f));  // false for NaN
+    return hn::IfThenElse(sky, hn::Zero(f), hn::IfThenElse(measured, q, nan));
+}
+
+/// Runs `body(i)` for whole vectors; the last one overlaps the one before (rows are padded where n is small).
+template <class Body>
+HWY_INLINE void for_vectors(size_t n, const Body& body) {
+    const size_t lanes = hn::Lanes(F());
+    for (size_t i = 0; i < n; i += lanes) body(i);
+}
+
+void inverse(const float* z, size_t n, float* q) {
+    const F f;
+    const size_t lanes = hn::Lanes(f);
+    size_t i = 0;
+    for (; i + lanes <= n; i += lanes) hn::StoreU(inverse_of(hn::LoadU(f, z + i)), f, q + i);
+    for (; i < n; ++i)
+        q[i] = z[i] > 1e12f ? 0.0f : z[i] > 1e-12f ? 1.0f / z[i] : std::numeric_limits<float>::quiet_NaN();
+}
+
+void inverse_reversed(const float* z, size_t n, float* q) {
+    const F f;
+    const size_t lanes = hn::Lanes(f);
+    size_t i = 0;
+    for (; i + lanes <= n; i += lanes)
+        hn::StoreU(hn::Reverse(f, inverse_of(hn::LoadU(f, z + n - i - lanes))), f, q + i);
+    for (; i < n; ++i) {
+        const float d = z[n - 1 - i];
+        q[i] = d > 1e12f ? 0.0f : d > 1e-12f ? 1.0f / d : std::numeric_limits<float>::quiet_NaN();
+    }
+}
+
+/// Whether samples a and b are torn apart, by the rule of lift.h.
+HWY_INLINE hn::Mask<F> torn_between(V before, V a, V b, V after, V scale, V tear_px, V tear_break) {
+    const F f;
+    const V solid = hn::Set(f, solid_q);
+    const V change = hn::Sub(b, a);
+    const V step = hn::Abs(change);
+    const V infinity = hn::Set(f, std::numeric_limits<float>::infinity());
+    const V left = hn::Abs(hn::Add(hn::Sub(before, a), change));
+    const V right = hn::Abs(hn::Sub(hn::Sub(after, b), change));
+    const V left_known = hn::IfThenElse(hn::Eq(left, left), left, infinity);
+    const V right_known = hn::IfThenElse(hn::Eq(right, right), right, infinity);
+    const auto breaks = hn::Ge(hn::Min(left_known, right_known), hn::Mul(tear_break, step));
+    const auto seen = hn::Gt(hn::Mul(scale, step), tear_px);
+    const auto both = hn::And(hn::Gt(a, solid), hn::Gt(b, solid));
+    const auto neither = hn::And(hn::Le(a, solid), hn::Le(b, solid));  // sky beside sky; false for NaN
+    return hn::Not(hn::Or(neither, hn::And(both, hn::Not(hn::And(breaks, seen)))));
+}
+
+/// |gain| q / (1 - cz q) in key units, minus the sample's own place.
+HWY_INLINE hn::Vec<I> key_vector(V q, V gain, V centre_z, hn::Vec<I> place) {
+    const F f;
+    const I d;
+    const V scale = hn::Set(f, key_scale), largest = hn::Set(f, largest_disparity_px * key_scale);
+    const V clear = hn::Sub(hn::Set(f, 1.0f), hn::Mul(centre_z, q));
+    const V disparity = hn::Div(hn::Mul(gain, q), clear);
+    const auto front = hn::ConvertTo(d, hn::Min(hn::Mul(disparity, scale), largest));
+    // Nearer than V's own plane: beyond every key, in the order of the slope towards V. |w| is the distance from the
+    // epipole that V would see, behind it.
+    const V along = hn::Add(hn::Abs(disparity), hn::Zero(f));
+    const auto behind = hn::Sub(hn::Set(d, 1 << 30), hn::ConvertTo(d, hn::Min(hn::Mul(along, scale), largest)));
+    const auto is_front = hn::RebindMask(d, hn::Gt(clear, hn::Zero(f)));
+    const auto key = hn::Sub(hn::IfThenElse(is_front, front, behind), place);
+    const auto known = hn::RebindMask(d, hn::Eq(q, q));
+    return hn::IfThenElse(known, key, hn::Set(d, top_key));
+}
+
+void keys(const LineRule& rule, const float* q, size_t n, int32_t* key, uint16_t* torn, uint8_t* rising) {
+    const F f;
+    const I d;
+    const size_t lanes = hn::Lanes(f);
+    const V scale = hn::Set(f, rule.tear_scale), tear_px = hn::Set(f, rule.tear_px),
+            tear_break = hn::Set(f, rule.tear_break), centre_z = hn::Set(f, rule.centre_z);
+    const V gain_step = hn::Set(f, rule.gain_step), gain0 = hn::Set(f, rule.gain0);
+    const size_t blocks = (n + block - 1) / block;
+    for (size_t i = 0; i < blocks * block; i += lanes) {
+        const auto index = hn::Add(hn::Iota(d, 0), hn::Set(d, int32_t(i)));
+        const V gain = hn::Abs(hn::MulAdd(gain_step, hn::ConvertTo(f, index), gain0));
+        const auto place = hn::ShiftLeft<13>(hn::Add(index, hn::Set(d, rule.place0)));
+        hn::StoreU(key_vector(hn::LoadU(f, q + i), gain, centre_z, place), d, key + i);
+    }
+    key[blocks * block] = 0;
+    for (size_t b = 0; b < blocks; ++b) {
+        uint32_t torn_bits = 0;
+        bool all_rise = true;
+        for (size_t part = 0; part < block; part += lanes) {
+            const size_t i = b * block + part;
+            const auto mask = torn_between(hn::LoadU(f, q + i - 1), hn::LoadU(f, q + i), hn::LoadU(f, q + i + 1),
+                                           hn::LoadU(f, q + i + 2), scale, tear_px, tear_break);
+            uint8_t bits[8] = {};
+            hn::StoreMaskBits(f, mask, bits);
+            torn_bits |= uint32_t(bits[0] | bits[1] << 8) << part;
+            all_rise = all_rise && hn::AllTrue(d, hn::Gt(hn::LoadU(d, key + i), hn::LoadU(d, key + i + 1)));
+        }
+        torn[b] = uint16_t(torn_bits);
+        rising[b] = torn_bits == 0 && all_rise && (b + 1) * block < n;
+    }
+}
+
+void pixels(const PixelRule& r, const float* z, int y, size_t n, uint8_t* classes) {
+    const F f;
+    const I d;
+    const size_t lanes = hn::Lanes(f);
+    const auto set = [&](float value) { return hn::Set(f, value); };
+    const V zero = hn::Zero(f), one = set(1);
+    const float v = float(y) + 0.5f, ray_y = r.ray_y0 + r.ray_dy * float(y);
+    const V clear = set(r.clear_m);
+    const V row_u = set(r.to_shifted[0][1] * v + r.to_shifted[0][2]),
+            row_v = set(r.to_shifted[1][1] * v + r.to_shifted[1][2]),
+            row_w = set(r.to_shifted[2][1] * v + r.to_shifted[2][2]);
+    float z_last[block];
+    uint8_t bits_now[block];
+    for (size_t i = 0; i < n; i += lanes) {
+        const bool whole = i + lanes <= n;
+        const float* source = z + i;
+        if (!whole) {
+            for (size_t k = 0; k < lanes; ++k) z_last[k] = i + k < n ? z[i + k] : 1.0f;
+            source = z_last;
+        }
+        const V depth = hn::LoadU(f, source);
+        const V q = inverse_of(depth);
+        const V x = hn::Add(hn::ConvertTo(f, hn::Add(hn::Iota(d, 0), hn::Set(d, int32_t(i)))), set(0.5f));
+        // V's image of the point.
+        const V pu = hn::MulAdd(q, set(r.to_shifted[0][3]), hn::MulAdd(x, set(r.to_shifted[0][0]), row_u));
+        const V pv = hn::MulAdd(q, set(r.to_shifted[1][3]), hn::MulAdd(x, set(r.to_shifted[1][0]), row_v));
+        const V pw = hn::MulAdd(q, set(r.to_shifted[2][3]), hn::MulAdd(x, set(r.to_shifted[2][0]), row_w));
+        const auto inside = hn::And(hn::And(hn::And(hn::Gt(pw, zero), hn::Ge(pu, zero)),
+                                            hn::And(hn::Lt(pu, hn::Mul(pw, set(r.shifted_width))), hn::Ge(pv, zero))),
+                                    hn::Lt(pv, hn::Mul(pw, set(r.shifted_height))));
+        // Where the segment enters the ball round V that is taken as free, and whether R looks there. The sky is
+        // looked at from V, in its direction.
+        const V rx = hn::MulAdd(hn::Sub(x, set(0.5f)), set(r.ray_dx), set(r.ray_x0)), ry = set(ray_y);
+        const auto sky = hn::Gt(depth, set(1e12f));
+        const V cx = set(r.centre[0]), cy = set(r.centre[1]), cz = set(r.centre[2]);
+        const V dx = hn::IfThenElse(sky, rx, hn::MulSub(rx, depth, cx)),
+                dy = hn::IfThenElse(sky, ry, hn::MulSub(ry, depth, cy)),
+                dz = hn::IfThenElse(sky, one, hn::Sub(depth, cz));
+        const V length = hn::Sqrt(hn::MulAdd(dx, dx, hn::MulAdd(dy, dy, hn::Mul(dz, dz))));
+        const V share = hn::Div(clear, length);
+        const V ex = hn::MulAdd(share, dx, cx), ey = hn::MulAdd(share, dy, cy), ez = hn::MulAdd(share, dz, cz);
+        const V eu = hn::MulAdd(set(r.fx), ex, hn::Mul(set(r.cx), ez)),
+                ev = hn::MulAdd(set(r.fy), ey, hn::Mul(set(r.cy), ez));
+        const auto looked = hn::And(hn::And(hn::And(hn::Ge(ez, zero), hn::Ge(eu, zero)),
+                                            hn::And(hn::Le(eu, hn::Mul(ez, set(r.width))), hn::Ge(ev, zero))),
+                                    hn::Le(ev, hn::Mul(ez, set(r.height))));
+        const auto asked = hn::Or(sky, hn::Gt(length, clear));
+        const auto bits = hn::Or(hn::IfThenElseZero(hn::RebindMask(d, hn::Not(inside)), hn::Set(d, 2)),
+                                 hn::IfThenElseZero(hn::RebindMask(d, hn::AndNot(looked, asked)), hn::Set(d, 8)));
+        const auto known = hn::RebindMask(d, hn::Eq(q, q));
+        const hn::Rebind<uint8_t, F> bytes;
+        uint8_t* target = classes + i;
+        if (!whole) {
+            std::memcpy(bits_now, target, n - i);
+            target = bits_now;
+        }
+        const auto before = hn::PromoteTo(d, hn::LoadU(bytes, target));
+        const auto all = hn::IfThenElse(known, hn::Or(before, bits), hn::Set(d, 4));
+        hn::StoreU(hn::DemoteTo(bytes, all), bytes, target);
+        if (!whole) std::memcpy(classes + i, bits_now, n - i);
+    }
+}
+
+void mark_rows(const float* const rows[4], size_t n, float tear_scale, float tear_px, float tear_break, float* q) {
+    const F f;
+    const I d;
+    const V nan = hn::Set(f, std::numeric_limits<float>::quiet_NaN());
+    for_vectors(n, [&](size_t i) {
+        const V a = hn::LoadU(f, rows[1] + i);
+        const auto row = [&](int k) { return rows[k] ? hn::LoadU(f, rows[k] + i) : nan; };
+        const auto torn = torn_between(row(0), a, row(2), row(3), hn::Set(f, tear_scale), hn::Set(f, tear_px),
+                                       hn::Set(f, tear_break));
+        const auto mark = hn::IfThenElseZero(hn::RebindMask(d, torn), hn::Set(d, 1));
+        const auto bits = hn::Or(hn::AndNot(hn::Set(d, 1), hn::BitCast(d, a)), mark);
+        hn::StoreU(hn::BitCast(f, bits), f, q + i);
+    });
+}
+
+void sample(const float* image, int stride, int rows, int first, int step, size_t n, float v0, float slope, float* q) {
+    const F f;
+    const I d;
+    const size_t lanes = hn::Lanes(f);
+    const auto last_row = hn::Set(d, rows - 1), zero = hn::Zero(d), lane = hn::Iota(d, 0);
+    for_vectors(n, [&](size_t i) {
+        const auto index = hn::Add(lane, hn::Set(d, int32_t(i)));
+        const auto inside = hn::Min(index, hn::Set(d, int32_t(n) - 1));
+        const auto column = hn::Add(hn::Set(d, first), step > 0 ? inside : hn::Neg(inside));
+        const V v = hn::Sub(hn::MulAdd(hn::Set(f, slope), hn::ConvertTo(f, column), hn::Set(f, v0)), hn::Set(f, 0.5f));
+        const V floor = hn::Floor(v), share = hn::Sub(v, floor);
+        const auto row = hn::ConvertTo(d, floor);
+        const auto upper = hn::Min(hn::Max(row, zero), last_row),
+                   lower = hn::Min(hn::Max(hn::Add(row, hn::Set(d, 1)), zero), last_row);
+        const auto pitch = hn::Set(d, stride);
+        V a, b;
+        if (i + lanes <= n && step > 0 && hn::AllTrue(d, hn::Eq(row, hn::Set(d, hn::GetLane(row))))) {
+            // The whole vector lies between two rows.
+            const int32_t r = hn::GetLane(row), c = first + int32_t(i);
+            a = hn::LoadU(f, image + ptrdiff_t(std::clamp(r, 0, rows - 1)) * stride + c);
+            b = hn::LoadU(f, image + ptrdiff_t(std::clamp(r + 1, 0, rows - 1)) * stride + c);
+        } else if (i + lanes <= n && step < 0 && hn::AllTrue(d, hn::Eq(row, hn::Set(d, hn::GetLane(row))))) {
+            const int32_t r = hn::GetLane(row), c = first - int32_t(i + lanes) + 1;
+            a = hn::Reverse(f, hn::LoadU(f, image + ptrdiff_t(std::clamp(r, 0, rows - 1)) * stride + c));
+            b = hn::Reverse(f, hn::LoadU(f, image + ptrdiff_t(std::clamp(r + 1, 0, rows - 1)) * stride + c));
+        } else {
+            a = hn::GatherIndex(f, image, hn::Add(hn::Mul(upper, pitch), column));
+            b = hn::GatherIndex(f, image, hn::Add(hn::Mul(lower, pitch), column));
+        }
+        const auto torn = hn::RebindMask(f, hn::Eq(hn::And(hn::BitCast(d, a), hn::Set(d, 1)), hn::Set(d, 1)));
+        // Midway between two surfaces the nearer one counts, so that a mirrored image gives the mirrored line.
+        const V off_middle = hn::Sub(share, hn::Set(f, 0.5f));
+        const V own = hn::IfThenElse(hn::Lt(hn::Abs(off_middle), hn::Set(f, 1e-3f)), hn::Max(a, b),
+                                     hn::IfThenElse(hn::Lt(off_middle, hn::Zero(f)), a, b));
+        const V between = hn::MulAdd(share, hn::Sub(b, a), a);
+        hn::StoreU(hn::IfThenElse(torn, own, between), f, q + i);
+    });
+}
+
+void take(const Take& rule, size_t n, uint8_t* out) {
+    const F f;
+    const I d;
+    const hn::Rebind<uint8_t, F> bytes;
+    const size_t lanes = hn::Lanes(f);
+    for (size_t i = 0; i < n; i += lanes) {
+        const bool whole = i + lanes <= n;
+        float a_room[block];
+        int32_t level_room[block];
+        const float* a = rule.a + i;
+        const int32_t* level = rule.levels ? rule.levels + i : nullptr;
+        if (!whole) {
+            for (size_t k = 0; k < lanes; ++k) a_room[k] = a[std::min(k, n - i - 1)];
+            a = a_room;
+            if (level) {
+                for (size_t k = 0; k < lanes; ++k) level_room[k] = level[std::min(k, n - i - 1)];
+                level = level_room;
+            }
+        }
+        const auto shift = level ? hn::LoadU(d, level) : hn::Set(d, rule.level);
+        // 2^-level, exactly.
+        const V unit = hn::BitCast(f, hn::ShiftLeft<23>(hn::Sub(hn::Set(d, 127), shift)));
+        const V exact = hn::Mul(hn::MulAdd(hn::LoadU(f, a), hn::Set(f, rule.b), hn::Set(f, rule.c)), unit);
+        const auto line = hn::Shl(hn::ConvertTo(d, hn::Round(exact)), shift);
+        const auto index = hn::Min(hn::Add(hn::Iota(d, 0), hn::Set(d, int32_t(i))), hn::Set(d, int32_t(n) - 1));
+        const auto place = hn::Add(hn::Set(d, rule.place), hn::Mul(index, hn::Set(d, rule.place_step)));
+        const auto offset =
+            hn::Add(hn::Mul(hn::Sub(line, hn::Set(d, rule.first_line)), hn::Set(d, rule.stride)), place);
+        const auto four = hn::GatherOffset(d, reinterpret_cast<const int32_t*>(rule.classes), offset);
+        const auto one = hn::DemoteTo(bytes, hn::And(four, hn::Set(d, 255)));
+        if (whole) {
+            hn::StoreU(one, bytes, out + i);
+        } else {
+            uint8_t room[block];
+            hn::StoreU(one, bytes, room);
+            std::memcpy(out + i, room, n - i);
+        }
+    }
+}
+
+const Kernels table = {&inverse, &inverse_reversed, &keys, &pixels, &mark_rows, &sample, &take};
+const Kernels* get() {
+    return &table;
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace vshift::sweep
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace vshift::sweep {
+
+HWY_EXPORT(get);
+
+const Kernels& kernels() {
+    static const Kernels* const chosen = HWY_DYNAMIC_DISPATCH(get)();
+    return *chosen;
+}
+
+}  // namespace vshift::sweep
+#endif

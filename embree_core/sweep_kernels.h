@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+// Role: the vectorised loops of the sweep, chosen for the machine when the program runs (Highway).
+#pragma once
+#include <cstddef>
+#include <cstdint>
+
+namespace vshift::sweep {
+
+/// Samples of 1/z are stored with this many floats (NaN) free before the first and after the last.
+inline constexpr size_t padding = 64;
+/// Keys are in 1 / key_scale pixels; nothing is nearer than this disparity.
+inline constexpr float key_scale = 8192, largest_disparity_px = 65536;
+/// The key of what reaches to the camera's centre.
+inline constexpr int32_t top_key = (1 << 30) + (1 << 20);
+
+/// One epipolar line, sample 0 first on the way to V.
+struct LineRule {
+    int32_t place0;          ///< sample i stands at place0 + i on the way to V
+    float gain0, gain_step;  ///< |disparity| of sample i is |gain0 + gain_step i| q / (1 - centre_z q)
+    float centre_z;          ///< V's centre along R's axis, metres
+    float tear_scale;        ///< px per 1/z: focal length times baseline
+    float tear_px, tear_break;
+};
+
+int32_t key_of(const LineRule& rule, float position, float q);
+
+/// How a pixel's own point lies to V: for `outside` and `unseen`.
+struct PixelRule {
+    float to_shifted[3][4];                ///< V's homogeneous pixel = M (x + 0.5, y + 0.5, 1, q)
+    float ray_x0, ray_y0, ray_dx, ray_dy;  ///< recorded ray of pixel (x, y), z = 1
+    float fx, fy, cx, cy, width, height;   ///< recorded
+    float shifted_width, shifted_height;
+    float centre[3];
+    float clear_m;
+};
+
+/// How a run of pixels finds its lines.
+struct Take {
+    const uint8_t* classes;
+    int32_t stride, first_line;
+    const float* a;
+    float b, c;
+    const int32_t* levels;  ///< per pixel, or null: `level` for all
+    int32_t level;
+    int32_t place, place_step;
+};
+
+struct Kernels {
+    /// q = 1/z of a row: 0 sky, NaN no measurement.
+    void (*inverse)(const float* z, size_t n, float* q);
+    void (*inverse_reversed)(const float* z, size_t n, float* q);
+    /// keys of samples 0..n-1; bit i of `torn`: samples i and i + 1 are not joined; bit b of `rising`: from the
+    /// sample after 16-block b, keys rise without a tear.
+    void (*keys)(const LineRule& rule, const float* q, size_t n, int32_t* key, uint16_t* torn, uint8_t* rising);
+    /// outside, unseen and unknown (no measurement) bits of a row of pixels, laid over `classes`.
+    void (*pixels)(const PixelRule& rule, const float* z, int y, size_t n, uint8_t* classes);
+    /// q of a row with its lowest bit set where the pixel is torn from the one below (rows are y-1, y, y+1, y+2; null
+    /// beyond the image).
+    void (*mark_rows)(const float* const rows[4], size_t n, float tear_scale, float tear_px, float tear_break,
+                      float* q);
+    /// Samples along a line: at position p (whole, step +-1) across `v0 + slope * p`, between rows of `image`.
+    void (*sample)(const float* image, int stride, int rows, int first, int step, size_t n, float v0, float slope,
+                   float* q);
+    /// out[i] = classes[(line - first_line) * stride + place], the line nearest to a[i] * b + c among every 2^level-th;
+    /// lines and places grow with i or stand still: see Take.
+    void (*take)(const struct Take& rule, size_t n, uint8_t* out);
+};
+
+const Kernels& kernels();
+
+}  // namespace vshift::sweep

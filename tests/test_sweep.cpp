@@ -1,0 +1,272 @@
+// SPDX-License-Identifier: Apache-2.0
+// The sweep: the same closed forms as the ray caster, the ray caster itself, and threads.
+#include <tbb/global_control.h>
+
+#include "embree_core/sweep.h"
+#include "tests/catch.h"
+#include "tests/minimal_support.h"
+
+using namespace vshift;
+using namespace vshift::minimal;
+
+namespace {
+
+RecordedMasks swept(const View& r, const View& v, const DepthMap& depth, double clear = clear_m) {
+    Sweeper sweeper;
+    Grid<uint8_t> classes;
+    sweeper.classes({r.intrinsics, v.intrinsics, compose(inverse(r.world_from_cam), v.world_from_cam), clear}, depth,
+                    classes);
+    return masks_of(classes);
+}
+
+RecordedMasks swept(const MinimalScene& s, const Shift& shift) {
+    const View r = s.recorded(s.own);
+    return swept(r, s.shifted(shift, s.own), render(s.world, r).depth);
+}
+
+bool same(const std::vector<RectPx>& a, const std::vector<RectPx>& b) {
+    return a.size() == b.size() && std::equal(a.begin(), a.end(), b.begin(), [](auto& l, auto& r) {
+               return l.x0 == r.x0 && l.y0 == r.y0 && l.x1 == r.x1 && l.y1 == r.y1;
+           });
+}
+
+size_t differing(const RecordedMasks& a, const RecordedMasks& b) {
+    size_t n = 0;
+    for (size_t i = 0; i < a.lost.size(); ++i)
+        n += a.occluded.data[i] != b.occluded.data[i] || a.outside.data[i] != b.outside.data[i] ||
+             a.unknown.data[i] != b.unknown.data[i] || a.unseen.data[i] != b.unseen.data[i];
+    return n;
+}
+
+using minimal::differing;
+
+}  // namespace
+
+TEST_CASE("sweep: the box", "[sweep]") {
+    const MinimalScene s = make_scene("box");
+    const RecordedMasks m = swept(s, s.shift);
+    CHECK(same(rectangles(m.occluded), {{168, 100, 208, 140}}));
+    CHECK(same(rectangles(m.outside), {{288, 0, 320, 240}}));
+    CHECK(same(rectangles(m.unknown), {{160, 100, 168, 140}}));
+    CHECK(count(m.lost) == 40 * 40 + 32 * 240);
+}
+
+TEST_CASE("sweep: every closed form of every scene", "[sweep]") {
+    for (const std::string& name : scene_names()) {
+        const MinimalScene s = make_scene(name);
+        const RecordedMasks m = swept(s, s.shift);
+        for (const ClosedForm& form : s.closed_forms) {
+            if (form.out != "mask") continue;
+            INFO(name << " " << form.channel << ": " << form.rule << ", expected " << count(form.expected) << " px");
+            const size_t wrong = differing(channel_of(m, form.channel), form.expected);
+            INFO(wrong << " px differ");
+            CHECK(wrong <= (name == "step_kerb" && form.channel == "occluded" ? 200 : 0));
+        }
+    }
+}
+
+TEST_CASE("sweep: strips at any width and phase, along rows and down columns", "[sweep]") {
+    for (const bool upright : {true, false})
+        for (double strip : {3.0, 4.25, 7.4, 12.75, 24.0, 60.4, 96.0})
+            for (double phase : {0.0, 0.13, 0.37, 0.62, 0.88})
+                for (int side : {1, -1}) {
+                    const double b = side * strip / (320 * (1 / 4.0 - 1 / 10.0));
+                    const int wide = upright ? 320 : 24, high = upright ? 24 : 320;
+                    // A near half plane before a wall, made by hand so that it can stand either way.
+                    DepthMap depth(wide, high, 10.0f);
+                    for (int y = 0; y < high; ++y)
+                        for (int x = 0; x < wide; ++x) {
+                            const double u = (upright ? x : y) + 0.5;
+                            if (side > 0 ? u < 120 + phase : u > 200 + phase) depth.at(x, y) = 4.0f;
+                        }
+                    View r{{wide, high, 320, 320, wide * 0.5, high * 0.5}, Pose{}}, v = r;
+                    (upright ? v.world_from_cam.translation_m.x : v.world_from_cam.translation_m.y) = -b;
+                    const RecordedMasks m = swept(r, v, depth);
+                    const double got = double(count(m.occluded)) / 24;
+                    INFO((upright ? "rows" : "columns")
+                         << " strip " << strip << " side " << side << " phase " << phase);
+                    CHECK(std::fabs(got - strip) <= 0.5 + 1e-9);
+                    CHECK(count(m.unknown) == 0);
+                    CHECK(rectangles(m.occluded).size() == 1);
+                }
+}
+
+TEST_CASE("sweep: zero shift, turning on the spot, yaw", "[sweep]") {
+    for (const std::string& name : scene_names()) {
+        const MinimalScene s = make_scene(name);
+        INFO(name);
+        const RecordedMasks m = swept(s, moved(0, 0));
+        CHECK(count(m.lost) + count(m.unknown) + count(m.unseen) == 0);
+    }
+    for (const char* name : {"box", "fence", "round_pole", "step_kerb", "random"}) {
+        const MinimalScene s = make_scene(name);  // its camera stands on the ego's vertical axis
+        INFO(name);
+        const RecordedMasks spot = swept(s, moved(0, 0, 0, 0.2));
+        CHECK(count(spot.occluded) + count(spot.unknown) + count(spot.unseen) == 0);
+        CHECK(count(spot.outside) > 1000);
+        for (const Shift& by : {s.shift, moved(1, 0.4)}) {
+            Shift turned = by;
+            turned.yaw_rad = 0.2;
+            const RecordedMasks a = swept(s, by), b = swept(s, turned);
+            CHECK(differing(a.occluded, b.occluded) + differing(a.unknown, b.unknown) + differing(a.unseen, b.unseen) ==
+                  0);
+            CHECK(differing(a.outside, b.outside) > 1000);
+        }
+    }
+}
+
+TEST_CASE("sweep: scale and mirror to the bit", "[sweep]") {
+    for (const std::string& name : scene_names())
+        for (const Shift& by : {moved(0, 1.01237), moved(1.3, 0), moved(0.4, 0.9, 0.2), moved(-1, -0.6)}) {
+            const MinimalScene s = make_scene(name);
+            const View r = s.recorded(s.own), v = s.shifted(by, s.own);
+            const Pose v_in_r = compose(inverse(r.world_from_cam), v.world_from_cam);
+            const DepthMap depth = render(s.world, r).depth;
+            INFO(name << " ahead " << by.translation_m.x << " left " << by.translation_m.y);
+            const auto run = [&](const DepthMap& z, double scale, double sign) {
+                View at{r.intrinsics, v_in_r};
+                at.world_from_cam.translation_m *= scale;
+                at.world_from_cam.translation_m.x *= sign;
+                return swept({r.intrinsics, Pose{}}, at, z, clear_m * scale);
+            };
+            const RecordedMasks one = run(depth, 1, 1);
+            for (const float scale : {2.0f, 0.125f}) {
+                DepthMap scaled = depth;
+                for (float& z : scaled.data) z *= scale;
+                CHECK(differing(one, run(scaled, double(scale), 1)) == 0);
+            }
+            DepthMap flipped = depth;
+            for (int y = 0; y < depth.height; ++y)
+                for (int x = 0; x < depth.width; ++x) flipped.at(x, y) = depth.at(depth.width - 1 - x, y);
+            const RecordedMasks other = run(flipped, 1, -1);
+            CHECK(differing(mirrored(one.occluded), other.occluded) == 0);
+            CHECK(differing(mirrored(one.unknown), other.unknown) == 0);
+            CHECK(differing(mirrored(one.unseen), other.unseen) == 0);
+        }
+}
+
+TEST_CASE("sweep against rays", "[sweep]") {
+    size_t pooled_both = 0, pooled_sum = 0;
+    for (const std::string& name : scene_names())
+        for (const Shift& by :
+             {moved(0, 1), moved(0, -2), moved(1, 0), moved(-1.5, 0), moved(0.5, 1, 0.2), moved(2, -1)}) {
+            const MinimalScene s = make_scene(name, {640, 480});
+            const bool rows = by.translation_m.x == 0 && by.translation_m.z == 0;
+            const Case c = lift_scene(s, by);
+            const RecordedMasks rays = mask(c.rig, as_shifted(c.v), clear_m), m = swept(s, by);
+            const size_t n = differing(m, rays);
+            INFO(name << " ahead " << by.translation_m.x << " left " << by.translation_m.y << ": " << n
+                      << " px differ, F1 " << f1(m.occluded, rays.occluded) << ", unknown F1 "
+                      << f1(m.unknown, rays.unknown) << " of " << count(rays.occluded) << " and "
+                      << count(rays.unknown));
+            if (rows) CHECK(double(n) <= 0.0003 * 640 * 480);
+            // Points on the frame's border to a float's digits fall on either side.
+            CHECK(differing(m.outside, rays.outside) + differing(m.unseen, rays.unseen) <= 30);
+            // Lines that are not the rows pass a pixel within a third of a pixel: the edges of poles 1 to 3 px wide
+            // move by that.
+            if (count(rays.occluded) > 1000) CHECK(f1(m.occluded, rays.occluded) >= 0.97);
+            if (rows) continue;
+            for (size_t i = 0; i < m.lost.size(); ++i) pooled_both += m.occluded.data[i] && rays.occluded.data[i];
+            pooled_sum += count(m.occluded) + count(rays.occluded);
+        }
+    INFO("pooled F1 " << 2.0 * double(pooled_both) / double(pooled_sum));
+    CHECK(2.0 * double(pooled_both) / double(pooled_sum) >= 0.99);
+}
+
+TEST_CASE("sweep: a slanted near wall that covers a far one has no pinhole", "[sweep]") {
+    // The near wall fills the image's right half, seen aslant; behind it, as V sees it, lies the far one.
+    const View r{{320, 240, 320, 320, 160, 120}, Pose{}};
+    DepthMap depth(320, 240, 40.0f);
+    for (int y = 0; y < 240; ++y)
+        for (int x = 160; x < 320; ++x) depth.at(x, y) = float(1 / (0.12 + 0.00021 * (x - 160) + 0.00017 * (y - 120)));
+    for (const glm::dvec3& by :
+         {glm::dvec3(3, 0, 0), glm::dvec3(3, 0.4, 0), glm::dvec3(3, -0.2, 0.6), glm::dvec3(2.5, 0.1, -0.8)}) {
+        View v = r;
+        v.world_from_cam.translation_m = by;
+        const RecordedMasks m = swept(r, v, depth);
+        INFO("V at " << by.x << " " << by.y << " " << by.z);
+        CHECK(count(m.occluded) > 1000);
+        // What is hidden of the far wall is one piece: no visible pixel has hidden ones on both sides.
+        size_t pinholes = 0;
+        for (int y = 20; y < 220; ++y)
+            for (int x = 1; x < 159; ++x) {
+                const auto hidden = [&](int i) { return m.occluded.at(i, y) || m.unknown.at(i, y); };
+                pinholes += !hidden(x) && hidden(x - 1) && hidden(x + 1);
+            }
+        CHECK(pinholes == 0);
+    }
+}
+
+TEST_CASE("sweep: poles of 1 px, invalid depth, sky, nothing", "[sweep]") {
+    const MinimalScene poles = make_scene("round_pole");
+    for (const Shift& by : {moved(0, 1), moved(0, -1), moved(1, 1.5)}) {
+        const RecordedMasks m = swept(poles, by);
+        const Mask truth =
+            flagged(truth_recorded(poles.world, {poles.recorded(0)}, 0, poles.shifted(by, 0)), VSHIFT_TRUTH_OCCLUDED);
+        INFO("ahead " << by.translation_m.x << " left " << by.translation_m.y << " F1 " << f1(m.occluded, truth));
+        CHECK(f1(m.occluded, truth) > 0.85);
+    }
+    const MinimalScene s = make_scene("box");
+    const View r = s.recorded(0), v = s.shifted(s.shift, 0);
+    const DepthMap depth = render(s.world, r).depth;
+    const float nan = std::numeric_limits<float>::quiet_NaN();
+    for (const float bad : {nan, 0.0f, -3.0f}) {
+        DepthMap broken = depth;
+        for (int y = 110; y < 120; ++y)
+            for (int x = 60; x < 70; ++x) broken.at(x, y) = bad;
+        const Case c = lift_scene(s, s.shift);
+        LiftedRig rig;
+        rig.views.push_back(lift_view("R", r.intrinsics, r.world_from_cam, broken, v.world_from_cam.translation_m));
+        CHECK(differing(swept(r, v, broken), mask(rig, as_shifted(v), clear_m)) == 0);
+    }
+    DepthMap in_the_sky = depth;
+    for (float& z : in_the_sky.data)
+        if (z > 9) z = std::numeric_limits<float>::infinity();
+    const RecordedMasks m = swept(r, v, in_the_sky);
+    CHECK(same(rectangles(m.occluded), {{200, 100, 240, 140}}));
+    CHECK(same(rectangles(m.unknown), {{160, 100, 200, 140}}));
+    for (const float value : {nan, 0.0f, -1.0f, 1e-30f, 1e-6f, 1e6f, 3e38f})
+        for (const Shift& by : {s.shift, moved(1, 0), moved(-1, 0.3, 0.1)}) {
+            const RecordedMasks all = swept(r, s.shifted(by, 0), DepthMap(320, 240, value));
+            INFO("depth " << value);
+            if (!(value > 0)) CHECK(count(all.unknown) == 320 * 240);
+            if (value >= 1e6f) CHECK(count(all.occluded) + count(all.unknown) == 0);
+        }
+}
+
+TEST_CASE("sweep: odd sizes, far and near epipoles, one thread and two", "[sweep]") {
+    uint32_t state = 7;
+    const auto random = [&] {
+        state = state * 1664525u + 1013904223u;
+        return double(state >> 8) / double(1 << 24);
+    };
+    for (const glm::ivec2 size :
+         {glm::ivec2(1, 1), glm::ivec2(2, 7), glm::ivec2(17, 3), glm::ivec2(33, 65), glm::ivec2(401, 223)}) {
+        const View r{{size.x, size.y, 200, 210, size.x * 0.47, size.y * 0.52}, Pose{}};
+        DepthMap depth(size.x, size.y);
+        for (float& z : depth.data) {
+            z = float(3 + 30 * random());
+            if (random() < 0.05) z = std::numeric_limits<float>::infinity();
+            if (random() < 0.02) z = 0;
+        }
+        for (const glm::dvec3& by :
+             {glm::dvec3(1, 0, 0), glm::dvec3(0, 1, 0), glm::dvec3(0, 0, 1), glm::dvec3(0.2, 0.1, -2),
+              glm::dvec3(1, 0.001, 1e-7), glm::dvec3(0.3, 1, 0.01), glm::dvec3(-1, -1, 0), glm::dvec3(0, 0, 20)}) {
+            View v = r;
+            v.world_from_cam.translation_m = by;
+            std::vector<RecordedMasks> results;
+            for (const size_t threads : {1, 2}) {
+                const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+                results.push_back(swept(r, v, depth));
+            }
+            INFO(size.x << "x" << size.y << " V at " << by.x << " " << by.y << " " << by.z);
+            CHECK(differing(results[0], results[1]) == 0);
+            size_t both = 0;
+            for (size_t i = 0; i < depth.size(); ++i) {
+                both += results[0].occluded.data[i] && results[0].unknown.data[i];
+                if (!is_measured(depth.data[i]) && !is_sky(depth.data[i])) CHECK(results[0].unknown.data[i] == 1);
+            }
+            CHECK(both == 0);
+        }
+    }
+}
