@@ -78,17 +78,15 @@ def panel(ax, summary, score, title, bench):
                     if value:
                         ax.plot([core_ms(cases[0])["median"], x["median"]], [value[0]] * 2, color=colour, linewidth=.8, alpha=.5)
     ax.set_xscale("log")
-    ax.xaxis.set_major_formatter(ticker.FuncFormatter(milliseconds))
     ax.set_title(title, loc="left")
     ax.set_xlabel(f"core-ms per {bench['width']}x{bench['height']} frame")
     return lowest
 
 
 def milliseconds(value, _position):
-    if value >= 1e7:
-        return f"{value / 3.6e6:g} h"
-    if value >= 1e3:
-        return f"{value / 1e3:g} s"
+    for unit, name in ((3.6e6, "h"), (6e4, "min"), (1e3, "s")):
+        if value >= unit:
+            return f"{value / unit:.2g} {name}"
     return f"{value:g} ms"
 
 
@@ -132,13 +130,18 @@ def draw_accuracy(bench):
     limit = next((row for row in summary if row["method"] == "shell_truth"), None)
     for k, ax in enumerate(axes):
         ax.set_xlim(axes[0].get_xlim())
+        least, most = ax.get_xlim()
+        ax.xaxis.set_major_locator(ticker.LogLocator(base=100 if most > 1e6 * least else 10))
+        ax.xaxis.set_minor_locator(ticker.LogLocator(base=10))
+        ax.xaxis.set_major_formatter(ticker.FuncFormatter(milliseconds))
+        ax.xaxis.set_minor_formatter(ticker.NullFormatter())
         bound = [core_ms(t)["median"] for row in summary if row["method"] == "copy" for t in pick(row)]
         if bound:
             ax.text(min(bound), .02, " read depth,\n write mask", transform=ax.get_xaxis_transform(), fontsize=8, va="bottom")
         if limit and k < 2:
             y = limit["scene"]["pooled_f1"] if k == 0 else limit["scene"]["boundary_f1"]["median"]
             ax.axhline(y, color="#333333", linewidth=1, linestyle="--")
-            ax.text(.99, y, "all that one view can know, against the scene", transform=ax.get_yaxis_transform(), fontsize=8,
+            ax.text(.99, y, "one view's limit against the scene", transform=ax.get_yaxis_transform(), fontsize=8,
                     ha="right", va="bottom")
     handles = []
     for row in summary:
@@ -155,8 +158,7 @@ def draw_accuracy(bench):
     notes = [Line2D([], [], color=ink, marker="o", linestyle="none", markersize=8, label="filled: against what the view shows (shell)"),
              Line2D([], [], color=ink, marker="o", markerfacecolor="white", linestyle="none", markersize=8, label="hollow: against the scene"),
              Line2D([], [], color=ink, marker="o", linestyle="none", markersize=4, label="small: time of other timed cases (side camera, forward)")]
-    methods = figure.legend(handles=handles, loc="upper left", ncol=3, bbox_to_anchor=(.04, .2), fontsize=9)
-    figure.add_artist(methods)
+    figure.legend(handles=handles, loc="upper left", ncol=3, bbox_to_anchor=(.04, .2), fontsize=9)
     figure.legend(handles=notes, loc="upper right", ncol=1, bbox_to_anchor=(.995, .2), fontsize=9)
     figure.text(.5, .015, caption(bench) + "\nBig marker: front camera, 2 m sideways (row-aligned). Bars: quartiles of runs and of cases.",
                 ha="center", fontsize=8, color="#444444", linespacing=1.5)

@@ -258,7 +258,7 @@ void plan_accuracy(Bench& bench, Plan& plan) {
             // The second half of the rig only where the rig itself is asked.
             if (own >= 3 && !asked_of_rig(bench, shift)) continue;
             Case name = make_question(bench.full(), own, shift);
-            plan.add(0.05 + 5 * area, "accuracy: " + name.camera() + " " + name.shift_text(),
+            plan.add(0.05 + 6 * area, "accuracy: " + name.camera() + " " + name.shift_text(),
                      [&bench, methods, own, shift] { run_case(bench, make_case(bench.full(), own, shift), *methods); });
         }
     plan.add(0.3, "accuracy: every triangle for every ray", [&bench] {
@@ -278,7 +278,7 @@ void plan_accuracy(Bench& bench, Plan& plan) {
 void plan_rig(Bench& bench, Plan& plan) {
     const double area = bench.scale() * bench.scale();
     for (const double y : rig_shifts_left_m(bench))
-        plan.add(0.1 + 20 * area, "rig", [&bench, y] { run_rig(bench, moved(0, y)); });
+        plan.add(0.1 + 12 * area, "rig", [&bench, y] { run_rig(bench, moved(0, y)); });
 }
 
 }  // namespace vshift::bench

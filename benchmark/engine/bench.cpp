@@ -77,7 +77,12 @@ void summarise(Bench& bench) {
         for (const ordered_json& a : bench.out["accuracy"])
             if (a["method"] == name && a["shift"] != "0,0,0") rows.push_back(&a);
         row["cases"] = rows.size();
-        if (!rows.empty()) row["shell"] = pooled(rows, "shell"), row["scene"] = pooled(rows, "scene");
+        if (!rows.empty()) {
+            row["shell"] = pooled(rows, "shell"), row["scene"] = pooled(rows, "scene");
+            std::vector<const ordered_json*> rest;  // without pixels that show leaves
+            for (const ordered_json* a : rows) rest.push_back(&(*a)["rest"]);
+            row["shell_without_foliage"] = pooled(rest, "shell");
+        }
         Numbers flickers;
         for (const ordered_json& n : bench.out["noise"])
             if (n["method"] == name) flickers.push_back(n["flicker"]);

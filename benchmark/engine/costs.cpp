@@ -122,7 +122,7 @@ void plan_resolution(Bench& bench, Plan& plan) {
     if (bench.options.quick) widths = {full / 2, full};
     for (const int width : widths) {
         const double area = width * width / 1600.0 / 1600.0;
-        plan.add(0.1 + 10 * area, "resolution: " + std::to_string(width), [&bench, width] {
+        plan.add(0.1 + 3 * area, "resolution: " + std::to_string(width), [&bench, width] {
             const World world(bench.street, width, 2);
             std::vector<Method> methods = our_methods();
             methods.push_back(copy_loop());
@@ -158,7 +158,7 @@ void plan_shifts(Bench& bench, Plan& plan) {
 void plan_cameras(Bench& bench, Plan& plan) {
     const double area = bench.scale() * bench.scale();
     for (int count = 1; count <= 6; ++count)
-        plan.add(0.02 + 1.2 * area * count, "against the number of cameras", [&bench, count] {
+        plan.add(0.02 + 1.7 * area * count, "against the number of cameras", [&bench, count] {
             const std::vector<Method> methods = our_methods();
             for (const char* name : {"sweep", "embree_0.02"})
                 for (const int threads : bench.threads) {
@@ -185,7 +185,7 @@ void plan_steady(Bench& bench, Plan& plan) {
     const int frames = bench.options.quick ? 20 : 200;
     const double area = bench.scale() * bench.scale();
     bench.out["steady"] = ordered_json::object();
-    plan.add(0.05 + frames * 0.16 * area, "steady state", [&bench, frames] {
+    plan.add(0.05 + frames * 0.06 * area, "steady state", [&bench, frames] {
         const std::vector<Method> methods = our_methods();
         const Method& sweep = named(methods, "sweep");
         const std::vector<Shift> shifts{moved(0, 2),  moved(0, -1), moved(2, 0),    moved(0, 4),
@@ -241,7 +241,7 @@ void plan_timing(Bench& bench, Plan& plan) {
         const std::string what = "timing: round " + std::to_string(i + 1) + " of " + std::to_string(rounds);
         plan.add(0.5 + 12 * area, what, [&bench, table] { round_of(bench, *table); });
         if (i % 2 == 0)
-            plan.add(2 + 10 * area, what + ", PyTorch", [&bench, table] {
+            plan.add(2 + 6 * area, what + ", PyTorch", [&bench, table] {
                 for (const TorchTime& t : time_torch(bench, table->cases)) {
                     Times& times = table->times[{"torch_splat", t.index, t.threads}];
                     times.whole.push_back(t.took);

@@ -168,9 +168,10 @@ Method copy_loop() {
         const DepthMap& depth = *job.depth;
         if (out.classes.size() != depth.size()) out.classes = Grid<uint8_t>(depth.width, depth.height);
         tbb::parallel_for(0, depth.height, [&](int y) {
-            const float* from = &depth.data[size_t(y) * size_t(depth.width)];
-            uint8_t* to = &out.classes.data[size_t(y) * size_t(depth.width)];
-            for (int x = 0; x < depth.width; ++x) to[x] = from[x] > 1e12f;
+            const int width = depth.width;  // a byte written may be anything's: kept apart, the loop is vectorised
+            const float* __restrict from = &depth.data[size_t(y) * size_t(width)];
+            uint8_t* __restrict to = &out.classes.data[size_t(y) * size_t(width)];
+            for (int x = 0; x < width; ++x) to[x] = from[x] > 1e12f;
         });
     };
     return m;

@@ -79,7 +79,7 @@ void plan_torch(Bench& bench, Plan& plan) {
     // One call per camera: a call is short enough to be given up, and the time left stays true.
     const int cameras = bench.options.quick ? 1 : 6;
     for (int own = 0; own < cameras; ++own)
-        plan.add(2 + 6 * area, "accuracy: PyTorch", [&bench, own] {
+        plan.add(2 + 11 * area, "accuracy: PyTorch", [&bench, own] {
             if (!bench.no_torch.empty()) return;
             const fs::path& folder = bench.hooks.scratch;
             std::vector<const Case*> asked;
