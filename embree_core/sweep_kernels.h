@@ -22,8 +22,6 @@ struct LineRule {
     float tear_px, tear_break;
 };
 
-int32_t key_of(const LineRule& rule, float position, float q);
-
 /// How a pixel's own point lies to V: for `outside` and `unseen`.
 struct PixelRule {
     float to_shifted[3][4];                ///< V's homogeneous pixel = M (x + 0.5, y + 0.5, 1, q)

@@ -1,0 +1,239 @@
+// SPDX-License-Identifier: Apache-2.0
+// Role: one pass along one epipolar line: which of its samples V sees (sweep.h says why one pass is enough).
+#pragma once
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <glm/glm.hpp>
+#include <limits>
+#include <vector>
+
+#include "embree_core/sweep.h"
+#include "embree_core/sweep_kernels.h"
+
+namespace vshift::sweep {
+
+inline constexpr size_t block = 16;
+
+inline int32_t key_of(const LineRule& rule, float position, float q) {
+    const float clear = 1.0f - rule.centre_z * q;
+    const float disparity = std::fabs(rule.gain0 + rule.gain_step * position) * q / clear;
+    const float size = std::min(std::fabs(disparity) * key_scale, largest_disparity_px * key_scale);
+    const int32_t place = rule.place0 * int32_t(key_scale) + int32_t(position * key_scale);  // whole: halves of a pixel
+    const int32_t whole = int32_t(size + 0.5f);
+    return (clear > 0 ? whole : (1 << 30) - whole) - place;
+}
+
+/// Ranges of keys that only torn walls cover, apart and in order.
+class Gaps {
+public:
+    bool empty() const { return ranges_.empty(); }
+    void clear() { ranges_.clear(); }
+    int32_t highest() const { return ranges_.back().high; }
+    bool holds(int32_t key) const {
+        for (size_t i = ranges_.size(); i-- > 0;)
+            if (key >= ranges_[i].low) return key <= ranges_[i].high;
+        return false;
+    }
+    /// A range above all others.
+    void push(int32_t low, int32_t high) { ranges_.push_back({low, high}); }
+    /// Takes away what [low, high] covers.
+    void cover(int32_t low, int32_t high) {
+        size_t end = ranges_.size();
+        while (end > 0 && ranges_[end - 1].low > high) --end;
+        if (end == 0 || ranges_[end - 1].high < low) return;
+        const Range last = ranges_[end - 1];
+        size_t begin = end - 1;
+        while (begin > 0 && ranges_[begin - 1].high >= low) --begin;
+        const Range first = ranges_[begin];
+        if (first.low < low) ranges_[begin++].high = low - 1;
+        if (last.high > high) {
+            if (begin == end)
+                ranges_.insert(ranges_.begin() + long(end), {high + 1, last.high});
+            else
+                ranges_[--end] = {high + 1, last.high};
+        }
+        if (begin < end) ranges_.erase(ranges_.begin() + long(begin), ranges_.begin() + long(end));
+    }
+
+private:
+    struct Range {
+        int32_t low, high;
+    };
+    std::vector<Range> ranges_;
+};
+
+/// The buffers of one line, with room for vectors that overhang.
+struct Line {
+    std::vector<float> q_room;
+    std::vector<int32_t> key;
+    std::vector<uint16_t> torn;
+    std::vector<uint8_t> rising, classes;
+
+    explicit Line(size_t longest)
+        : q_room(longest + 2 * padding, std::numeric_limits<float>::quiet_NaN()),
+          key(longest + 2 * padding),
+          torn(longest / block + 2),
+          rising(longest / block + 2),
+          classes(longest + 2 * padding) {}
+    float* q() { return q_room.data() + padding; }
+};
+
+inline void copy_reversed(const uint8_t* from, size_t n, uint8_t* to) {
+    size_t i = 0;
+    for (; i + 8 <= n; i += 8) {
+        uint64_t eight;
+        std::memcpy(&eight, from + n - i - 8, 8);
+        eight = __builtin_bswap64(eight);
+        std::memcpy(to + i, &eight, 8);
+    }
+    for (; i < n; ++i) to[i] = from[n - 1 - i];
+}
+
+/// What a pass knows at one place of a line: the highest key ahead and what only walls cover.
+struct Horizon {
+    int32_t highest = 0;
+    Gaps gaps;
+    bool known = false;
+};
+
+/// The recorded rays along a line, and the ball round V that is taken as free.
+struct Rays {
+    glm::dvec3 first, step;  ///< of sample 0, and from one sample to the next; z = 1
+    glm::dvec3 centre_m;
+    double clear_m;
+
+    /// How far a wall reaches over a sample without a measurement, where anything may stand but in the ball: 1/z on
+    /// the far side of the ball, 0 for all the way to the camera.
+    double free_from(double position) const {
+        const glm::dvec3 r = first + position * step;
+        const double rr = glm::dot(r, r), rc = glm::dot(r, centre_m);
+        const double inside = rc * rc - rr * (glm::dot(centre_m, centre_m) - clear_m * clear_m);
+        const double z = inside >= 0 ? (rc + std::sqrt(inside)) / rr : 0;
+        return z > 0 ? 1 / z : 0;
+    }
+};
+
+/// A pass over the n samples of a line, from V's end back.
+class LineSweep {
+public:
+    LineSweep(const LineRule& rule, const Rays& rays, Line& line, size_t n, Horizon& horizon)
+        : rule_(rule), rays_(rays), line_(line), q_(line.q()), n_(n), highest_(horizon.highest), gaps_(horizon.gaps) {
+        std::fill_n(q_ + n, padding, std::numeric_limits<float>::quiet_NaN());
+        kernels().keys(rule, q_, n, line.key.data(), line.torn.data(), line.rising.data());
+    }
+
+    /// Samples end - 1 down to begin; the horizon is that before sample end - 1.
+    void run(size_t begin, size_t end) {
+        const int32_t* key = line_.key.data();
+        uint8_t* out = line_.classes.data();
+        while (end > begin) {
+            const size_t b = (end - 1) / block;
+            const size_t from = std::max(b * block, begin);
+            if (line_.rising[b] && end - from == block && highest_ == key[end]) {
+                std::fill_n(out + from, block, uint8_t(0));
+                highest_ = key[from];
+                end = from;
+                continue;
+            }
+            const uint32_t torn = line_.torn[b];
+            for (size_t i = end; i-- > from;) {
+                int32_t start;  // of the surface that ends at sample i
+                if (i + 1 == n_)
+                    start = begin_at_border(i);
+                else if (torn >> (i - b * block) & 1)
+                    start = pass_tear(i);
+                else
+                    start = key[i + 1];
+                out[i] = invalid(i) ? uint8_t(unknown_bit) : ask(start, key[i]);
+            }
+            end = from;
+        }
+    }
+
+    /// Goes on from the horizon of another line, which came as far as sample `end`.
+    void go_on(size_t end) {
+        if (!invalid(end) && line_.key[end] > highest_) highest_ = line_.key[end];
+    }
+
+private:
+    const LineRule& rule_;
+    const Rays& rays_;
+    Line& line_;
+    float* q_;
+    size_t n_;
+    int32_t& highest_;
+    Gaps& gaps_;
+
+    bool solid(size_t i) const { return q_[i] > 1e-20f; }
+    bool invalid(size_t i) const { return !(q_[i] >= 0); }
+    bool joined(size_t i) const { return !(line_.torn[i / block] >> (i % block) & 1) && solid(i) && solid(i + 1); }
+
+    /// The class of a sample with `key`, at the end of a surface that came from `start`.
+    uint8_t ask(int32_t start, int32_t key) {
+        uint8_t answer = 0;
+        if (key > highest_) {
+            if (!gaps_.empty() && start <= gaps_.highest()) gaps_.cover(start, highest_);
+            highest_ = key;
+        } else if (start >= key) {
+            answer = occluded_bit;  // faces away
+            if (!gaps_.empty()) gaps_.cover(key, start);
+        } else if (gaps_.empty()) {
+            answer = occluded_bit;
+        } else {
+            answer = gaps_.holds(key) ? unknown_bit : occluded_bit;
+            gaps_.cover(start, key);
+        }
+        return answer;
+    }
+
+    /// 1/z where sample i's own surface ends, half a sample towards i + way across a tear (as lift.h has it).
+    int32_t half_edge_key(size_t i, int way) const {
+        const float own = q_[i];
+        float q = own;
+        if (way > 0 ? i > 0 && joined(i - 1) : i + 1 < n_ && joined(i)) {
+            const float other = q_[way > 0 ? i - 1 : i + 1];
+            q = std::clamp(own + 0.5f * (own - other), 0.5f * own, 2.0f * own);
+        }
+        return key_of(rule_, float(i) + 0.5f * float(way), q);
+    }
+
+    /// The top of a wall beside a sample without a measurement.
+    int32_t top_key(float position) const {
+        const double q = rays_.free_from(double(position));
+        return q > 0 ? key_of(rule_, position, float(q)) : sweep::top_key;
+    }
+
+    /// The last sample's surface ends at the border, without a wall: what passes below it came there through one.
+    int32_t begin_at_border(size_t i) {
+        const int32_t start = solid(i)     ? half_edge_key(i, +1)
+                              : invalid(i) ? top_key(float(i) + 0.5f)
+                                           : key_of(rule_, float(i) + 0.5f, 0);
+        gaps_.clear();
+        gaps_.push(std::numeric_limits<int32_t>::min() / 2, start);
+        highest_ = start;
+        return start;
+    }
+
+    /// From sample i + 1 over its surface's end and the wall to where sample i's surface begins.
+    int32_t pass_tear(size_t i) {
+        const float middle = float(i) + 0.5f;
+        int32_t far;
+        if (solid(i + 1)) {
+            far = half_edge_key(i + 1, -1);
+            ask(line_.key[i + 1], far);
+        } else {
+            far = invalid(i + 1) ? top_key(middle) : key_of(rule_, middle, 0);
+        }
+        const int32_t near = invalid(i) ? top_key(middle) : key_of(rule_, middle, 0);
+        const int32_t start = solid(i) ? half_edge_key(i, +1) : near;
+        const int32_t top = std::max(start, far);
+        if (top > highest_) {
+            gaps_.push(highest_ + 1, top);
+            highest_ = top;
+        }
+        return start;
+    }
+};
+
+}  // namespace vshift::sweep
