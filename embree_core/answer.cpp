@@ -76,7 +76,26 @@ const DepthMap& FrameFiles::depth(const std::string& camera, int frame) {
     if (const auto found = depths_.find(camera); found != depths_.end()) return found->second;
     const CameraSpec& spec = recipe_.camera(camera);
     return depths_[camera] = read_depth(recipe_.path(spec.depth, frame), spec.depth_channel, spec.depth_scale_m,
-                                        spec.intrinsics.width, spec.intrinsics.height);
+                                        spec.intrinsics.width, spec.intrinsics.height, &stored_[camera]);
+}
+
+DepthSource FrameFiles::depth_source(const Request& request, const std::string& camera) const {
+    if (request.depth_source) return *request.depth_source;
+    if (const auto stated = recipe_.camera(camera).depth_source) return *stated;
+    switch (stored_.at(camera)) {
+        case SampleType::float16:
+            return DepthSource::half;
+        case SampleType::uint16:
+            return DepthSource::mm16;
+        default:
+            return DepthSource::exact;
+    }
+}
+
+DepthRules FrameFiles::depth_rules(const Request& request, const std::string& camera) const {
+    const bool in_steps = stored_.at(camera) == SampleType::uint16;
+    return vshift::depth_rules(depth_source(request, camera), depths_.at(camera),
+                               in_steps ? recipe_.camera(camera).depth_scale_m : 0.001);
 }
 
 const ColorImage& FrameFiles::color(const std::string& camera, int frame) {
@@ -118,10 +137,12 @@ void sweep_answer(const Views& views, const Request& request, FrameFiles& files,
         out.invalid_px += !is_sky(z) && !is_measured(z);
     }
     const SweepCamera camera{k, views.shifted.intrinsics,
-                             compose(inverse(views.world_from_own), views.shifted.world_from_cam), request.clear_m};
+                             compose(inverse(views.world_from_own), views.shifted.world_from_cam), request.clear_m,
+                             files.depth_rules(request, views.own.name)};
+    const double px_per_inverse_depth = k.fx * glm::length(camera.recorded_from_shifted.translation_m);
     Sweeper sweeper;
     Grid<uint8_t> classes;
-    sweeper.classes(camera, depth, classes);
+    sweeper.classes(camera, camera.rules.snap ? snap_edges(depth, px_per_inverse_depth) : depth, classes);
     add_mask(masks_of(classes), out.image);
     out.times.cast_ms = ms_since(start);
     const glm::dvec3 centre = camera.recorded_from_shifted.translation_m;
@@ -148,7 +169,7 @@ void cast_answer(const Recipe& recipe, const Views& views, const Request& reques
         if (camera.name == own.name) rig.own = int(rig.views.size());
         const Pose world_from_cam = recipe.world_from_cam(camera.name, request.frame);
         LiftedMesh mesh = lift_towards(camera.intrinsics, world_from_cam, depth, shifted.world_from_cam.translation_m,
-                                       request.tolerance_px);
+                                       request.tolerance_px, files.depth_rules(request, camera.name));
         out.times.lift_ms += ms_since(start);
         start = Clock::now();
         rig.views.push_back(build_view(camera.name, world_from_cam, std::move(mesh)));
@@ -219,6 +240,7 @@ Answer answer(const Recipe& recipe, const Request& request, FrameFiles& files) {
     meta["vshift.method"] = method;
     if (request.tolerance_px > 0) meta["vshift.tolerance_px"] = number(request.tolerance_px);
     meta["vshift.clear_m"] = number(request.clear_m);
+    meta["vshift.depth_source"] = depth_source_words()[size_t(files.depth_source(request, own.name))];
     meta["vshift.intrinsic"] =
         number(k.fx) + " 0 " + number(k.cx) + " 0 " + number(k.fy) + " " + number(k.cy) + " 0 0 1";
     const Pose seen_from = request.out == "mask" ? views.world_from_own : views.shifted.world_from_cam;

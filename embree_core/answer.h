@@ -16,6 +16,9 @@ class FrameFiles {
 public:
     explicit FrameFiles(const Recipe& recipe) : recipe_(recipe) {}
     const DepthMap& depth(const std::string& camera, int frame);
+    /// Of a depth map that has been read: as the request, else the recipe, else the file says.
+    DepthSource depth_source(const Request& request, const std::string& camera) const;
+    DepthRules depth_rules(const Request& request, const std::string& camera) const;
     const ColorImage& color(const std::string& camera, int frame);
 
 private:
@@ -23,6 +26,7 @@ private:
     const Recipe& recipe_;
     int frame_ = -1;
     std::map<std::string, DepthMap> depths_;
+    std::map<std::string, SampleType> stored_;
     std::map<std::string, ColorImage> colors_;
 };
 

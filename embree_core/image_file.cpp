@@ -402,7 +402,8 @@ Channels read_image(const fs::path& file) {
     return std::move(decoded.image);
 }
 
-DepthMap read_depth(const fs::path& file, const std::string& channel, double scale_m, int width, int height) {
+DepthMap read_depth(const fs::path& file, const std::string& channel, double scale_m, int width, int height,
+                    SampleType* stored) {
     if (!(scale_m > 0) || !std::isfinite(scale_m))
         fail_file(ExitCode::bad_input, file, "depth scale", "got no positive number, expected metres per stored unit");
     Decoded decoded = decode(file, {channel}, [&](const Claim& claim) {
@@ -419,6 +420,10 @@ DepthMap read_depth(const fs::path& file, const std::string& channel, double sca
         if (type != claim.exr_types.end() && type->second == 0)
             fail_file(ExitCode::bad_input, file, "sample type",
                       "got 32-bit integers in " + channel + ", expected half or float for depth");
+        if (stored)
+            *stored = claim.stored == Stored::uint16                               ? SampleType::uint16
+                      : type != claim.exr_types.end() && type->second == 1 /*half*/ ? SampleType::float16
+                                                                                   : SampleType::float32;
     });
     // A decoder may add a channel of its own (a PNG's transparent value becomes alpha).
     if (decoded.image.planes.size() != 1)

@@ -42,9 +42,10 @@ Channels read_image(const std::filesystem::path& file);
 
 /// Depth in metres: EXR channel `channel`, single-channel PFM or NPY, or 16-bit PNG, times
 /// `scale_m` (metres per stored unit, > 0; units of 16-bit PNG and NPY are the stored integers).
-/// 8-bit files are refused. Checks the size against `width` x `height` when these are > 0.
+/// 8-bit files are refused. Checks the size against `width` x `height` when these are > 0. `stored`, where given,
+/// becomes how the samples lie in the file.
 DepthMap read_depth(const std::filesystem::path& file, const std::string& channel, double scale_m, int width,
-                    int height);
+                    int height, SampleType* stored = nullptr);
 
 /// Linear RGB of an image file: integer samples (PNG, JPEG, integer NPY) are decoded from sRGB, floats
 /// are linear. One grey integer channel is spread to three; alpha is ignored.

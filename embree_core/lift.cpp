@@ -13,14 +13,15 @@ namespace vshift {
 namespace {
 
 /// Torn: the step of 1/z is visible at this baseline, and no plane on either side explains it.
-bool torn_between(float before, float a, float b, float after, double px_per_inverse_depth,
-                  const LiftOptions& options) {
+bool torn_between(float before, float a, float b, float after, double px_per_inverse_depth, const DepthRules& rules) {
     const float step = std::fabs(b - a);
-    if (!(px_per_inverse_depth * step > options.tear_px)) return false;
+    if (!(px_per_inverse_depth * step > rules.tear_px)) return false;
+    const float left = (before - a) + (b - a), right = (a - b) + (after - b);  // NaN where there is no such pixel
     float smallest = std::numeric_limits<float>::infinity();
-    if (!std::isnan(before)) smallest = std::min(smallest, std::fabs((before - a) + (b - a)));
-    if (!std::isnan(after)) smallest = std::min(smallest, std::fabs((a - b) + (after - b)));
-    return smallest >= float(options.tear_break) * step;
+    if (!std::isnan(left)) smallest = std::min(smallest, std::fabs(left));
+    if (!std::isnan(right)) smallest = std::min(smallest, std::fabs(right));
+    const double share = left * right > 0 ? rules.crease_break : rules.tear_break;
+    return smallest >= float(share) * step + 4 * rules.error.at(std::max(a, b));
 }
 
 void find_tears(LiftedMesh& mesh, const LiftOptions& options) {
@@ -29,7 +30,7 @@ void find_tears(LiftedMesh& mesh, const LiftOptions& options) {
     mesh.tears = Grid<uint8_t>(w.width, w.height, 0);
     const double fx_b = mesh.intrinsics.fx * options.baseline_m, fy_b = mesh.intrinsics.fy * options.baseline_m;
     // Steps up to here are smaller than tear_px for sure: most pixels need no second look.
-    const auto surely_small = [&](double scale) { return float(options.tear_px / scale * (1 - 1e-5)); };
+    const auto surely_small = [&](double scale) { return float(options.rules.tear_px / scale * (1 - 1e-5)); };
     const float small_x = surely_small(fx_b), small_y = surely_small(fy_b);
     tbb::parallel_for(0, w.height, [&](int y) {
         const auto value = [&](int x, int row) {
@@ -44,7 +45,7 @@ void find_tears(LiftedMesh& mesh, const LiftOptions& options) {
             const auto torn = [&](float b, float before, float after, double scale) {
                 if (std::isnan(b)) return false;  // no such pixel, or no measurement: never joined anyway
                 if ((a > 0) != (b > 0)) return true;
-                return torn_between(before, a, b, after, scale, options);
+                return torn_between(before, a, b, after, scale, options.rules);
             };
             uint8_t bits = 0;
             if (torn(value(x + 1, y), value(x - 1, y), value(x + 2, y), fx_b)) bits |= 1;
@@ -158,12 +159,18 @@ SplitCell split_cell(const SurfaceField& f, int cx, int cy) {
     return cell;
 }
 
+void check_size(const Intrinsics& intrinsics, const DepthMap& depth) {
+    if (depth.width == intrinsics.width && depth.height == intrinsics.height && depth.width > 0 && depth.height > 0)
+        return;
+    throw Error(ExitCode::bad_input,
+                "depth: size: got " + std::to_string(depth.width) + "x" + std::to_string(depth.height) +
+                    ", expected " + std::to_string(intrinsics.width) + "x" + std::to_string(intrinsics.height));
+}
+
 LiftedMesh lift(const Intrinsics& intrinsics, const DepthMap& depth, const LiftOptions& options) {
-    if (depth.width != intrinsics.width || depth.height != intrinsics.height || depth.width < 1 || depth.height < 1)
-        throw Error(ExitCode::bad_input,
-                    "depth: size: got " + std::to_string(depth.width) + "x" + std::to_string(depth.height) +
-                        ", expected " + std::to_string(intrinsics.width) + "x" + std::to_string(intrinsics.height));
+    check_size(intrinsics, depth);
     LiftedMesh mesh;
+    mesh.error = options.rules.error;
     mesh.intrinsics = intrinsics;
     const float nearest_m = read_pixels(mesh, depth);
     find_tears(mesh, options);

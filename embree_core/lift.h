@@ -21,19 +21,16 @@
 #include <vector>
 
 #include "embree_core/camera.h"
+#include "embree_core/depth_source.h"
 #include "embree_core/types.h"
 
 namespace vshift {
 
-/// When two neighbouring pixels are torn apart: the second difference of 1/z breaks on both sides
-/// (on a plane it is zero) and the step is seen as more than `tear_px` of disparity.
 struct LiftOptions {
     /// Distance between the recorded and the shifted camera's centres: turns a step of 1/z into
     /// pixels of disparity. 0 tears nothing.
     double baseline_m = 0;
-    double tear_px = 2.0;
-    /// Share of the step of 1/z that the second differences must reach.
-    double tear_break = 0.5;
+    DepthRules rules;  ///< where the mesh is torn, and the error that rays allow for; `snap` is the caller's affair
     /// How far a point of the surface may move, in pixels of disparity at `baseline_m`, for the sake of
     /// fewer triangles. 0: every pixel is a vertex.
     double tolerance_px = 0;
@@ -54,11 +51,15 @@ struct LiftedMesh {
     std::vector<LiftedQuad> torn;             ///< walls across a discontinuity, over wall_vertices
     uint64_t kept_triangles = 0;
     float wall_top = 0;         ///< largest 1/z of a wall
+    InverseDepthError error;    ///< of inverse_depth
     Grid<float> inverse_depth;  ///< 1/z at pixel centres; 0 is sky; NaN no measurement
     Grid<uint8_t> tears;        ///< bit 0: torn from the right neighbour, bit 1: from the lower
     uint64_t invalid_px = 0;    ///< NaN, 0, negative
     uint64_t sky_px = 0;
 };
+
+/// Throws Error bad_input unless `depth` has the intrinsics' size.
+void check_size(const Intrinsics& intrinsics, const DepthMap& depth);
 
 /// `depth` has the intrinsics' size (Error bad_input otherwise). Any content is accepted: what is no
 /// measurement is counted.

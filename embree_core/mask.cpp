@@ -89,12 +89,10 @@ struct ViewedLine {
     }
 };
 
-/// Whether the surface round solid pixel (x, y) hides the camera centre `c` (own frame): the segment
-/// to it starts below the surface. Both are straight in (u, v, 1/z) over a quarter pixel, so their
+/// Whether the surface round solid pixel (x, y) hides the camera centre `c` (own frame): the segment to it from `p`,
+/// the pixel's point, starts below the surface. Both are straight in (u, v, 1/z) over a quarter pixel, so their
 /// heights there are compared; at a crease the side that the segment leaves over decides.
-bool faces_away(const LiftedMesh& mesh, int x, int y, const glm::dvec3& c) {
-    const LiftedVertex& vertex = mesh.vertices[size_t(y) * size_t(mesh.intrinsics.width) + size_t(x)];
-    const glm::dvec3 p(vertex.x, vertex.y, vertex.z);
+bool faces_away(const LiftedMesh& mesh, int x, int y, const glm::dvec3& p, const glm::dvec3& c) {
     const glm::dvec3 d = c - p;
     const double per_z2 = 1.0 / (p.z * p.z);
     const glm::dvec2 px_rate =
@@ -103,7 +101,7 @@ bool faces_away(const LiftedMesh& mesh, int x, int y, const glm::dvec3& c) {
     constexpr double step_px = 0.25;
     // A segment that stays within a hundredth of a pixel (V on this pixel's ray) leaves along the ray.
     if (!(rate > 0) || rate * p.z < 0.01 * std::fabs(d.z)) return d.z > 0;
-    const double height = double(mesh.inverse_depth.at(x, y));
+    const double height = 1 / p.z;
     const double segment = height - d.z * per_z2 / rate * step_px;
     const double surface = surface_inverse_depth(mesh, glm::dvec2(x + 0.5, y + 0.5) + px_rate * (step_px / rate));
     return segment < surface - 1e-6 * height;  // 1e-6: the rounding of three floats
@@ -186,12 +184,13 @@ RecordedMasks mask(const LiftedRig& rig, const ShiftedCamera& shifted, double cl
         }
         const bool sky = w == 0;
         const LiftedVertex& vertex = own.mesh.vertices[size_t(y) * size_t(k.width) + size_t(x)];
-        const glm::dvec3 p = sky ? ray(k, {x + 0.5, y + 0.5}) : glm::dvec3(vertex.x, vertex.y, vertex.z);
+        glm::dvec3 p = sky ? ray(k, {x + 0.5, y + 0.5}) : glm::dvec3(vertex.x, vertex.y, vertex.z);
 
         const glm::dvec3 p_shifted = sky ? shifted_from_own.direction(p) : shifted_from_own.point(p);
         const auto u_shifted = project(shifted.intrinsics, p_shifted);
         const bool outside = !u_shifted || !in_image(shifted.intrinsics, *u_shifted);
 
+        if (!sky && !own.mesh.error.none()) p *= double(w / (w + 2 * own.mesh.error.at(w)));  // see DepthRules
         // In the own camera's frame: finite points look towards V, the sky is looked at from V.
         Stretch stretch;
         Interval whole;
@@ -212,7 +211,7 @@ RecordedMasks mask(const LiftedRig& rig, const ShiftedCamera& shifted, double cl
         // The line starts at the mesh's own vertex to the bit.
         const ViewedLine line(own, stretch.origin, stretch.direction);
         Finding finding = ask_own(line, stretch, whole);
-        if (!sky && faces_away(own.mesh, x, y, centre_own)) finding.answer = Answer::occluded;
+        if (!sky && faces_away(own.mesh, x, y, p, centre_own)) finding.answer = Answer::occluded;
         const bool uncertain =
             finding.answer == Answer::unknown || (finding.answer == Answer::visible && finding.unseen);
         if (uncertain && rig.views.size() > 1) {

@@ -19,8 +19,8 @@ namespace fs = std::filesystem;
 constexpr size_t recipe_limit_bytes = size_t(64) << 20;
 constexpr int deepest_nesting = 16;
 
-const std::vector<std::string> request_keys = {"camera", "frame", "shift",        "yaw_deg", "out",
-                                               "from",   "view",  "tolerance_px", "method",  "clear_m"};
+const std::vector<std::string> request_keys = {"camera", "frame", "shift",        "yaw_deg", "out",         "from",
+                                               "view",   "method", "tolerance_px", "clear_m", "depth_source"};
 const std::vector<std::string> known_outs = {"mask", "holes", "warp"};
 
 [[noreturn]] void refuse(const std::string& where, const std::string& got, const std::string& expected) {
@@ -50,6 +50,21 @@ std::string shown(const json& value) {
         default:
             return value.dump();
     }
+}
+
+const std::string& one_of(const std::string& text, const std::vector<std::string>& words, const std::string& where) {
+    if (std::find(words.begin(), words.end(), text) == words.end())
+        refuse(where, shown(text), "one of " + list_of(words) + " (did you mean " + nearest_word(text, words) + "?)");
+    return text;
+}
+
+std::optional<DepthSource> depth_source_of(const std::string& text, const std::string& where) {
+    std::vector<std::string> words{"auto"};
+    words.insert(words.end(), depth_source_words().begin(), depth_source_words().end());
+    one_of(text, words, where);
+    const auto at = std::find(words.begin(), words.end(), text) - words.begin();
+    if (at == 0) return std::nullopt;
+    return DepthSource(at - 1);
 }
 
 /// Parses with the two things that the library lets pass refused: duplicate keys and deep nesting.
@@ -180,7 +195,7 @@ CameraSpec read_camera(const json& value, const std::string& file, size_t positi
         where = file + ": " + value["name"].get<std::string>().substr(0, 64);
     const Fields fields(value, where,
                         {"name", "width", "height", "intrinsic", "rotation", "translation", "image", "depth",
-                         "depth_channel", "depth_scale_m"});
+                         "depth_channel", "depth_scale_m", "depth_source"});
     CameraSpec camera;
     camera.name = fields.text("name");
     check_name(camera.name, fields.at("name"));
@@ -217,6 +232,8 @@ CameraSpec read_camera(const json& value, const std::string& file, size_t positi
     camera.depth_channel = fields.text_or("depth_channel", "Z");
     if (fields.has("depth_scale_m")) camera.depth_scale_m = fields.number("depth_scale_m");
     if (!(camera.depth_scale_m > 0)) refuse(fields.at("depth_scale_m"), number(camera.depth_scale_m), "> 0 metres");
+    if (fields.has("depth_source"))
+        camera.depth_source = depth_source_of(fields.text("depth_source"), fields.at("depth_source"));
     return camera;
 }
 
@@ -390,11 +407,6 @@ Recipe load_recipe(const fs::path& path) {
 
 void set_request_key(Request& request, const std::string& key, const std::string& text, const std::string& where) {
     const std::string at = where + ": " + key;
-    const auto one_of = [&](const std::vector<std::string>& words) {
-        if (std::find(words.begin(), words.end(), text) == words.end())
-            refuse(at, shown(text), "one of " + list_of(words) + " (did you mean " + nearest_word(text, words) + "?)");
-        return text;
-    };
     const auto number_from = [&](double lowest, double highest, const std::string& expected) {
         const double value = parse_number(text, at);
         if (!(value >= lowest && value <= highest)) refuse(at, shown(text), expected);
@@ -424,17 +436,19 @@ void set_request_key(Request& request, const std::string& key, const std::string
     } else if (key == "yaw_deg") {
         request.shift.yaw_rad = number_from(-360, 360, "degrees from -360 to 360") * radians_per_degree;
     } else if (key == "out") {
-        request.out = one_of(known_outs);
+        request.out = one_of(text, known_outs, at);
     } else if (key == "from") {
-        request.from = one_of({"self", "rig"}) == "rig" ? Source::rig : Source::self;
+        request.from = one_of(text, {"self", "rig"}, at) == "rig" ? Source::rig : Source::self;
     } else if (key == "view") {
-        request.view = one_of({"recorded", "shifted"});
+        request.view = one_of(text, {"recorded", "shifted"}, at);
     } else if (key == "tolerance_px") {
         request.tolerance_px = number_from(0, 4, "0 (a vertex for every pixel) to 4 pixels");
     } else if (key == "method") {
-        request.method = one_of({"auto", "sweep", "embree"});
+        request.method = one_of(text, {"auto", "sweep", "embree"}, at);
     } else if (key == "clear_m") {
         request.clear_m = number_from(0, 1000, "metres from 0 to 1000");
+    } else if (key == "depth_source") {
+        request.depth_source = depth_source_of(text, at);
     } else {
         refuse(where + ": " + shown(key), "an unknown key",
                "one of " + list_of(request_keys) + " (did you mean " + nearest_word(key, request_keys) + "?)");
@@ -471,6 +485,7 @@ std::string canonical_text(const Request& request) {
     text += "&tolerance_px=" + number(request.tolerance_px);
     text += "&method=" + request.method;
     text += "&clear_m=" + number(request.clear_m);
+    text += "&depth_source=" + (request.depth_source ? depth_source_words()[size_t(*request.depth_source)] : "auto");
     return text;
 }
 

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "embree_core/camera.h"
+#include "embree_core/depth_source.h"
 #include "embree_core/types.h"
 
 namespace vshift {
@@ -23,6 +24,7 @@ struct CameraSpec {
     std::string depth;          ///< EXR, 16-bit PNG, PFM or NPY
     std::string depth_channel;  ///< for EXR; default "Z"
     double depth_scale_m = 1;   ///< metres per stored unit (0.001 for millimetre PNG)
+    std::optional<DepthSource> depth_source;  ///< none: as the file stores it
 };
 
 /// The ego's pose when a camera fired, where it differs from the frame's own.
@@ -55,6 +57,7 @@ struct Request {
     double tolerance_px = 0;
     std::string method = "auto";  ///< see `chosen_method`
     double clear_m = 2.0;
+    std::optional<DepthSource> depth_source;  ///< none: as each camera of the recipe says
 };
 
 struct Recipe {

@@ -74,8 +74,7 @@ void transpose(const float* in, int width, int height, float* out) {
 }
 
 /// Each value marked in its lowest bit where it is torn from the next row's.
-void mark(const float* in, int width, int height, double focal, double baseline, float* out) {
-    const LiftOptions options;
+void mark(const float* in, int width, int height, const TearRule& tear, float* out) {
     tbb::parallel_for(tbb::blocked_range<int>(0, height, 16), [&](const tbb::blocked_range<int>& range) {
         for (int y = range.begin(); y < range.end(); ++y) {
             const float* rows[4];
@@ -83,8 +82,7 @@ void mark(const float* in, int width, int height, double focal, double baseline,
                 const int row = y - 1 + k;
                 rows[k] = row < 0 || row >= height ? nullptr : in + size_t(row) * size_t(width);
             }
-            kernels().mark_rows(rows, size_t(width), float(focal * baseline), float(options.tear_px),
-                                float(options.tear_break), out + size_t(y) * size_t(width));
+            kernels().mark_rows(rows, size_t(width), tear, out + size_t(y) * size_t(width));
         }
     });
 }
@@ -93,10 +91,7 @@ void mark(const float* in, int width, int height, double focal, double baseline,
 
 void Sweeper::classes(const SweepCamera& camera, const DepthMap& depth, Grid<uint8_t>& out) {
     const Intrinsics& k = camera.recorded;
-    if (depth.width != k.width || depth.height != k.height || k.width < 1 || k.height < 1)
-        throw Error(ExitCode::bad_input, "depth: size: got " + std::to_string(depth.width) + "x" +
-                                             std::to_string(depth.height) + ", expected " + std::to_string(k.width) +
-                                             "x" + std::to_string(k.height));
+    check_size(k, depth);
     if (out.width != k.width || out.height != k.height) out = Grid<uint8_t>(k.width, k.height);
     const glm::dvec3 c = camera.recorded_from_shifted.translation_m;
     const double baseline = glm::length(c);
@@ -106,7 +101,7 @@ void Sweeper::classes(const SweepCamera& camera, const DepthMap& depth, Grid<uin
 
     if (baseline == 0 || is_row_aligned(x, y, c.z)) {
         const int heading = way(x, 0.5 * x.size, c.z) >= 0 ? 1 : -1;
-        const LineRule row_rule = line_rule(x, c.z, baseline, heading > 0 ? 0 : k.width - 1, heading);
+        const LineRule row_rule = line_rule(x, c.z, baseline, camera.rules, heading > 0 ? 0 : k.width - 1, heading);
         tbb::enumerable_thread_specific<Line> rooms([&] { return Line(width); });
         tbb::parallel_for(tbb::blocked_range<int>(0, k.height, 8), [&](const tbb::blocked_range<int>& range) {
             Line& room = rooms.local();
@@ -147,7 +142,8 @@ void Sweeper::classes(const SweepCamera& camera, const DepthMap& depth, Grid<uin
             transpose(b.inverse.data(), k.width, k.height, b.transposed.data());
         }
         mark(transposed ? b.transposed.data() : b.inverse.data(), transposed ? k.height : k.width,
-             transposed ? k.width : k.height, transposed ? k.fx : k.fy, baseline, b.marked.data());
+             transposed ? k.width : k.height, tear_rule(camera.rules, (transposed ? k.fx : k.fy) * baseline),
+             b.marked.data());
         for (Fan& fan : b.fans)
             if (fan.transposed == transposed) sweep_fan(camera, b.marked.data(), fan);
     }

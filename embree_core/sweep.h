@@ -12,6 +12,7 @@
 #pragma once
 #include <memory>
 
+#include "embree_core/depth_source.h"
 #include "embree_core/mask.h"
 
 namespace vshift {
@@ -23,6 +24,7 @@ struct SweepCamera {
     Intrinsics recorded, shifted;
     Pose recorded_from_shifted;  ///< V in R's frame
     double clear_m = 2.0;        ///< radius round V's centre that is taken as free
+    DepthRules rules{};          ///< `snap` is the caller's affair
     double lines_per_px = 1.5;   ///< where lines are not the rows: how close they lie at the image's far border
 };
 

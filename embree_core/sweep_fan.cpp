@@ -22,15 +22,25 @@ constexpr double near_epipole_px = 65536;
 
 }  // namespace
 
-LineRule line_rule(const Axis& major, double centre_z, double baseline, int first, int heading) {
-    const LiftOptions options;
+TearRule tear_rule(const DepthRules& rules, double px_per_q) {
+    return {float(px_per_q),
+            float(rules.tear_px),
+            float(rules.tear_break),
+            float(rules.crease_break),
+            4 * rules.error.constant,
+            4 * rules.error.relative,
+            4 * rules.error.squared};
+}
+
+LineRule line_rule(const Axis& major, double centre_z, double baseline, const DepthRules& rules, int first,
+                   int heading) {
     LineRule rule;
     rule.place0 = 0;
     rule.gain0 = float((first + 0.5 - major.middle) * centre_z - major.focal * major.centre_m);
     rule.gain_step = float(heading * centre_z);
     rule.centre_z = float(centre_z);
-    rule.tear_scale = float(major.focal * baseline);
-    rule.tear_px = float(options.tear_px), rule.tear_break = float(options.tear_break);
+    rule.tear = tear_rule(rules, major.focal * baseline);
+    rule.error = rules.error;
     return rule;
 }
 
@@ -179,7 +189,7 @@ void sweep_fan_line(const SweepCamera& camera, const float* image, Fan& fan, Fan
     const Intrinsics& k = camera.recorded;
     const glm::dvec3& c = camera.recorded_from_shifted.translation_m;
     const Axis major = fan.transposed ? Axis{k.fy, k.cy, c.y, k.height} : Axis{k.fx, k.cx, c.x, k.width};
-    LineRule rule = line_rule(major, c.z, glm::length(c), first, fan.heading);
+    LineRule rule = line_rule(major, c.z, glm::length(c), camera.rules, first, fan.heading);
     const auto ray_at = [&](double m) {
         const double n = line.at_zero + line.slope * m;
         return ray(k, fan.transposed ? glm::dvec2(n, m) : glm::dvec2(m, n));

@@ -15,7 +15,10 @@ struct Axis {
 };
 
 /// The rule of a line whose sample 0 lies at `first` on the axis.
-LineRule line_rule(const Axis& major, double centre_z, double baseline, int first, int heading);
+LineRule line_rule(const Axis& major, double centre_z, double baseline, const DepthRules& rules, int first, int heading);
+
+/// The same tears as `lift`'s, along an axis of this focal length.
+TearRule tear_rule(const DepthRules& rules, double px_per_q);
 
 // Near the epipole only every 2^level-th line goes on, and no more than this.
 constexpr int highest_level = 5;

@@ -62,19 +62,24 @@ void inverse_reversed(const float* z, size_t n, float* q) {
     }
 }
 
-/// Whether samples a and b are torn apart, by the rule of lift.h.
-HWY_INLINE hn::Mask<F> torn_between(V before, V a, V b, V after, V scale, V tear_px, V tear_break) {
+/// Whether samples a and b are torn apart, by the rule of depth_source.h.
+HWY_INLINE hn::Mask<F> torn_between(V before, V a, V b, V after, const TearRule& rule) {
     const F f;
+    const auto set = [&](float value) { return hn::Set(f, value); };
     const V solid = hn::Set(f, solid_q);
     const V change = hn::Sub(b, a);
     const V step = hn::Abs(change);
     const V infinity = hn::Set(f, std::numeric_limits<float>::infinity());
-    const V left = hn::Abs(hn::Add(hn::Sub(before, a), change));
-    const V right = hn::Abs(hn::Sub(hn::Sub(after, b), change));
+    const V left_break = hn::Add(hn::Sub(before, a), change), right_break = hn::Sub(hn::Sub(after, b), change);
+    const V left = hn::Abs(left_break), right = hn::Abs(right_break);
+    const V share = hn::IfThenElse(hn::Gt(hn::Mul(left_break, right_break), hn::Zero(f)), set(rule.crease_break),
+                                   set(rule.tear_break));
     const V left_known = hn::IfThenElse(hn::Eq(left, left), left, infinity);
     const V right_known = hn::IfThenElse(hn::Eq(right, right), right, infinity);
-    const auto breaks = hn::Ge(hn::Min(left_known, right_known), hn::Mul(tear_break, step));
-    const auto seen = hn::Gt(hn::Mul(scale, step), tear_px);
+    const V q = hn::Max(a, b);
+    const V errors = hn::MulAdd(q, hn::MulAdd(q, set(rule.squared), set(rule.relative)), set(rule.constant));
+    const auto breaks = hn::Ge(hn::Min(left_known, right_known), hn::MulAdd(share, step, errors));
+    const auto seen = hn::Gt(hn::Mul(set(rule.px_per_q), step), set(rule.tear_px));
     const auto both = hn::And(hn::Gt(a, solid), hn::Gt(b, solid));
     const auto neither = hn::And(hn::Le(a, solid), hn::Le(b, solid));  // sky beside sky; false for NaN
     return hn::Not(hn::Or(neither, hn::And(both, hn::Not(hn::And(breaks, seen)))));
@@ -90,7 +95,7 @@ HWY_INLINE hn::Vec<I> key_vector(V q, V gain, V centre_z, hn::Vec<I> place) {
     const auto front = hn::ConvertTo(d, hn::Min(hn::Mul(disparity, scale), largest));
     // Nearer than V's own plane: beyond every key, in the order of the slope towards V. |w| is the distance from the
     // epipole that V would see, behind it.
-    const V along = hn::Add(hn::Abs(disparity), hn::Zero(f));
+    const V along = hn::Abs(disparity);
     const auto behind = hn::Sub(hn::Set(d, 1 << 30), hn::ConvertTo(d, hn::Min(hn::Mul(along, scale), largest)));
     const auto is_front = hn::RebindMask(d, hn::Gt(clear, hn::Zero(f)));
     const auto key = hn::Sub(hn::IfThenElse(is_front, front, behind), place);
@@ -102,9 +107,7 @@ void keys(const LineRule& rule, const float* q, size_t n, int32_t* key, uint16_t
     const F f;
     const I d;
     const size_t lanes = hn::Lanes(f);
-    const V scale = hn::Set(f, rule.tear_scale), tear_px = hn::Set(f, rule.tear_px),
-            tear_break = hn::Set(f, rule.tear_break), centre_z = hn::Set(f, rule.centre_z);
-    const V gain_step = hn::Set(f, rule.gain_step), gain0 = hn::Set(f, rule.gain0);
+    const V centre_z = hn::Set(f, rule.centre_z), gain_step = hn::Set(f, rule.gain_step), gain0 = hn::Set(f, rule.gain0);
     const size_t blocks = (n + block - 1) / block;
     for (size_t i = 0; i < blocks * block; i += lanes) {
         const auto index = hn::Add(hn::Iota(d, 0), hn::Set(d, int32_t(i)));
@@ -119,7 +122,7 @@ void keys(const LineRule& rule, const float* q, size_t n, int32_t* key, uint16_t
         for (size_t part = 0; part < block; part += lanes) {
             const size_t i = b * block + part;
             const auto mask = torn_between(hn::LoadU(f, q + i - 1), hn::LoadU(f, q + i), hn::LoadU(f, q + i + 1),
-                                           hn::LoadU(f, q + i + 2), scale, tear_px, tear_break);
+                                           hn::LoadU(f, q + i + 2), rule.tear);
             uint8_t bits[8] = {};
             hn::StoreMaskBits(f, mask, bits);
             torn_bits |= uint32_t(bits[0] | bits[1] << 8) << part;
@@ -193,15 +196,14 @@ void pixels(const PixelRule& r, const float* z, int y, size_t n, uint8_t* classe
     }
 }
 
-void mark_rows(const float* const rows[4], size_t n, float tear_scale, float tear_px, float tear_break, float* q) {
+void mark_rows(const float* const rows[4], size_t n, const TearRule& tear, float* q) {
     const F f;
     const I d;
     const V nan = hn::Set(f, std::numeric_limits<float>::quiet_NaN());
     for_vectors(n, [&](size_t i) {
         const V a = hn::LoadU(f, rows[1] + i);
         const auto row = [&](int k) { return rows[k] ? hn::LoadU(f, rows[k] + i) : nan; };
-        const auto torn = torn_between(row(0), a, row(2), row(3), hn::Set(f, tear_scale), hn::Set(f, tear_px),
-                                       hn::Set(f, tear_break));
+        const auto torn = torn_between(row(0), a, row(2), row(3), tear);
         const auto mark = hn::IfThenElseZero(hn::RebindMask(d, torn), hn::Set(d, 1));
         const auto bits = hn::Or(hn::AndNot(hn::Set(d, 1), hn::BitCast(d, a)), mark);
         hn::StoreU(hn::BitCast(f, bits), f, q + i);

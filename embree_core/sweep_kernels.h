@@ -4,6 +4,8 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "embree_core/depth_source.h"
+
 namespace vshift::sweep {
 
 /// Samples of 1/z are stored with this many floats (NaN) free before the first and after the last.
@@ -13,13 +15,20 @@ inline constexpr float key_scale = 8192, largest_disparity_px = 65536;
 /// The key of what reaches to the camera's centre.
 inline constexpr int32_t top_key = (1 << 30) + (1 << 20);
 
+/// When neighbouring samples are torn apart: DepthRules, for one image axis.
+struct TearRule {
+    float px_per_q;  ///< focal length times baseline
+    float tear_px, tear_break, crease_break;
+    float constant, relative, squared;  ///< four errors of 1/z
+};
+
 /// One epipolar line, sample 0 first on the way to V.
 struct LineRule {
     int32_t place0;          ///< sample i stands at place0 + i on the way to V
     float gain0, gain_step;  ///< |disparity| of sample i is |gain0 + gain_step i| q / (1 - centre_z q)
     float centre_z;          ///< V's centre along R's axis, metres
-    float tear_scale;        ///< px per 1/z: focal length times baseline
-    float tear_px, tear_break;
+    TearRule tear;
+    InverseDepthError error;
 };
 
 /// How a pixel's own point lies to V: for `outside` and `unseen`.
@@ -54,8 +63,7 @@ struct Kernels {
     void (*pixels)(const PixelRule& rule, const float* z, int y, size_t n, uint8_t* classes);
     /// q of a row with its lowest bit set where the pixel is torn from the one below (rows are y-1, y, y+1, y+2; null
     /// beyond the image).
-    void (*mark_rows)(const float* const rows[4], size_t n, float tear_scale, float tear_px, float tear_break,
-                      float* q);
+    void (*mark_rows)(const float* const rows[4], size_t n, const TearRule& tear, float* q);
     /// Samples along a line: at position p (whole, step +-1) across `v0 + slope * p`, between rows of `image`.
     void (*sample)(const float* image, int stride, int rows, int first, int step, size_t n, float v0, float slope,
                    float* q);

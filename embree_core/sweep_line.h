@@ -145,7 +145,10 @@ public:
                     start = pass_tear(i);
                 else
                     start = key[i + 1];
-                out[i] = invalid(i) ? uint8_t(unknown_bit) : ask(start, key[i]);
+                const int32_t hides = std::max(highest_, start);
+                uint8_t answer = invalid(i) ? uint8_t(unknown_bit) : ask(start, key[i]);
+                if (answer == occluded_bit && allowed_key(i) >= hides) answer = 0;
+                out[i] = answer;
             }
             end = from;
         }
@@ -165,9 +168,17 @@ private:
     int32_t& highest_;
     Gaps& gaps_;
 
+    const bool no_error_ = rule_.error.none();
+
     bool solid(size_t i) const { return q_[i] > 1e-20f; }
     bool invalid(size_t i) const { return !(q_[i] >= 0); }
     bool joined(size_t i) const { return !(line_.torn[i / block] >> (i % block) & 1) && solid(i) && solid(i + 1); }
+
+    /// The key that sample i may have for all that its error and that of what hides it allow.
+    int32_t allowed_key(size_t i) const {
+        if (no_error_ || !solid(i)) return line_.key[i];
+        return std::max(line_.key[i], key_of(rule_, float(i), q_[i] + 2 * rule_.error.at(q_[i])));
+    }
 
     /// The class of a sample with `key`, at the end of a surface that came from `start`.
     uint8_t ask(int32_t start, int32_t key) {

@@ -52,11 +52,12 @@ void TracedWalls::crossings(const glm::dvec3& origin, const glm::dvec3& directio
 }
 
 LiftedMesh lift_towards(const Intrinsics& intrinsics, const Pose& world_from_cam, const DepthMap& depth,
-                        const glm::dvec3& shifted_centre_m, double tolerance_px) {
+                        const glm::dvec3& shifted_centre_m, double tolerance_px, const DepthRules& rules) {
     LiftOptions options;
     options.tolerance_px = tolerance_px;
     options.baseline_m = glm::length(shifted_centre_m - world_from_cam.translation_m);
-    return lift(intrinsics, depth, options);
+    options.rules = rules;
+    return lift(intrinsics, rules.snap ? snap_edges(depth, intrinsics.fx * options.baseline_m) : depth, options);
 }
 
 LiftedView build_view(const std::string& name, const Pose& world_from_cam, LiftedMesh mesh) {

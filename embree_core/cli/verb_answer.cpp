@@ -229,6 +229,8 @@ void add_answer_verbs(CLI::App& app) {
                     "how far surfaces may move for fewer triangles, 0 to 4 px");
         request_key("--method", "method", "auto, sweep (masks from the own depth map) or embree");
         request_key("--clear_m,--clear-m", "clear_m", "radius round the shifted camera that is taken as free");
+        request_key("--depth_source,--depth-source", "depth_source",
+                    "auto, exact, half, mm16, disparity8 or mono: what errors depth has");
         sub->add_option("-o,--output", options->output, "one image: .exr, .png, .pfm or .npy");
         sub->add_option("--out-dir", options->out_dir, "many images: DIR/SHIFT/FFFF/CAMERA.exr");
         sub->add_option("--channels", options->channels, "only these channels")->delimiter(',');

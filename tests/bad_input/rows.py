@@ -194,6 +194,7 @@ REQUEST = [
     ("view of another out", good, MASK + " --view shifted", 3, R + "view: got 'shifted', expected recorded for out=mask"),
     ("tolerance -1", good, MASK + " --tolerance-px=-1", 3, R + "tolerance_px: got '-1', expected 0"),
     ("clear -1", good, MASK + " --clear-m=-1", 3, R + "clear_m: got '-1', expected metres from 0"),
+    ("unknown depth source", good, MASK + " --depth-source monocular", 3, R + r"depth_source: got 'monocular', expected one of auto, .*did you mean mono\?"),
     ("shift twice", good, MASK + " --shift 0,1,0 --shift 0,2,0", 3, ".*shift.*"),
     ("unknown flag", good, MASK + " --shfit 0,1,0", 3, "usage: .*--shfit.*--shift"),
     ("unknown flag, two lines", good, [*MASK.split(), "--a\nb"], 3, "usage: .*"),

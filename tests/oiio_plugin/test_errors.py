@@ -33,6 +33,7 @@ REQUESTS = (
     ("view of another out", "view=shifted", "view: got 'shifted', expected recorded for out=mask"),
     ("coarser mesh", "tolerance_px=5", "tolerance_px: got '5'"),
     ("unknown method", "method=embre", "did you mean embree?"),
+    ("unknown depth source", "depth_source=float", "depth_source: got 'float'"),
     ("far clear", "clear_m=1e9", "clear_m: got '1e9'"),
 )
 SAID_BY_PROGRAM = ("bad number", "enormous number", "enormous frame", "unknown camera", "view of another out", "far clear")
