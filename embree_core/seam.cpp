@@ -24,9 +24,9 @@ struct Neighbor {
     Pose cam_from_world;
     Reprojection shown;
 
-    glm::vec3 color(glm::vec2 source_px, const glm::dvec3& from, const glm::dvec3& along, double t) const {
+    glm::vec3 color(glm::vec2 source_px, glm::vec2 target_px, const glm::dvec3& from, const glm::dvec3& along, double t) const {
         if (camera->bent) source_px = bent_source_px(*camera->bent, from, along, t);
-        return camera->gain * sampler.at(source_px);
+        return camera->gain * sampler.at(source_px, target_px);
     }
 };
 
@@ -79,6 +79,7 @@ ShiftedSeam seam_shifted(const std::vector<SeamCamera>& rig, int own_index, cons
         return true;
     };
     if (!show(own, nullptr, out.own)) {
+        out.own.x0 = 0, out.own.x1 = k.width;
         out.own.sight = Grid<Sight>(k.width, k.height, Sight::none);
         out.own.inverse_depth = Grid<float>(k.width, k.height, 0);
         out.own.source_px = Grid<glm::vec2>(k.width, k.height, glm::vec2(0));
@@ -101,13 +102,14 @@ ShiftedSeam seam_shifted(const std::vector<SeamCamera>& rig, int own_index, cons
                 continue;
             }
             float front = out.own.inverse_depth.data[at];
-            for (const Neighbor& n : neighbors) front = std::max(front, n.shown.inverse_depth.data[at]);
+            for (const Neighbor& n : neighbors)
+                if (n.shown.holds(x)) front = std::max(front, n.shown.inverse_depth.data[at]);
             const float least = front * float(1 - options.depth_tolerance);
             const Neighbor* best = nullptr;
             double best_cosine = -2, best_t = 0;
             const glm::dvec3 along = shifted.world_from_cam.direction(ray(k, {x + 0.5, y + 0.5}));
             for (const Neighbor& n : neighbors) {
-                if (!is_seen(n.shown.sight.data[at])) continue;
+                if (!n.shown.holds(x) || !is_seen(n.shown.sight.data[at])) continue;
                 const float q = n.shown.inverse_depth.data[at];
                 if (q < least) continue;
                 if (options.edge == EdgeBand::drop && n.sampler.is_edge(n.shown.source_px.data[at])) continue;
@@ -117,7 +119,7 @@ ShiftedSeam seam_shifted(const std::vector<SeamCamera>& rig, int own_index, cons
             }
             if (!best) continue;
             out.seam.source.data[at] = int16_t(best->index);
-            out.seam.color.data[at] = best->color(best->shown.source_px.data[at], centre, along, best_t);
+            out.seam.color.data[at] = best->color(best->shown.source_px.data[at], {x + 0.5f, y + 0.5f}, centre, along, best_t);
         }
     });
     return out;
@@ -152,7 +154,7 @@ Seam seam_recorded(const std::vector<SeamCamera>& rig, int own_index, const Mask
             }
             if (!best) continue;
             out.source.data[at] = int16_t(best->index);
-            out.color.data[at] = best->color(best_px, centre, along, t);
+            out.color.data[at] = best->color(best_px, {x + 0.5f, y + 0.5f}, centre, along, t);
         }
     });
     return out;
@@ -176,7 +178,7 @@ glm::vec3 fitted_gain(const SeamCamera& own, const SeamCamera& neighbor, double 
             const glm::dvec3 along = world_from_own.direction(ray(k, {x + 0.5, y + 0.5}));
             const auto u = seen_at(n, world_from_own.translation_m, along, 1 / double(w), depth_tolerance);
             if (!u) continue;
-            const glm::vec3 a = own.image->at(x, y), b = neighbor.gain * n.sampler.at(*u);
+            const glm::vec3 a = own.image->at(x, y), b = neighbor.gain * n.sampler.at(*u, {x + 0.5f, y + 0.5f});
             const auto good = [&](const glm::vec3& c) {
                 return std::min({c.x, c.y, c.z}) > darkest && std::max({c.x, c.y, c.z}) < brightest;
             };
