@@ -328,6 +328,12 @@ private:
             const Corner beside = map_.corner(mu, float(y), along_x), under = map_.corner(float(x), mv, along_y);
             // Same turn as the recorded image: corners 0 and 2 go x first, 1 and 3 y first.
             const Corner &first = next_is_x ? beside : under, &last = next_is_x ? under : beside;
+            if (candidates(std::min(std::min(own.x, centre.x), std::min(first.x, last.x)),
+                           std::max(std::max(own.x, centre.x), std::max(first.x, last.x)),
+                           std::min(std::min(own.y, centre.y), std::min(first.y, last.y)),
+                           std::max(std::max(own.y, centre.y), std::max(first.y, last.y)))
+                    .empty())
+                continue;
             triangle(own, first, last);
             triangle(centre, last, first);
         }
@@ -460,11 +466,21 @@ ProjectiveMap projective_map(const Intrinsics& from, const Pose& world_from_from
 
 SurfaceView surface_view(const Intrinsics& intrinsics, const Pose& world_from_cam, const DepthMap& depth,
                          const glm::dvec3& shifted_centre_m) {
+    SurfaceView view;
+    surface_view(intrinsics, world_from_cam, depth, shifted_centre_m, view);
+    return view;
+}
+
+void surface_view(const Intrinsics& intrinsics, const Pose& world_from_cam, const DepthMap& depth,
+                  const glm::dvec3& shifted_centre_m, SurfaceView& view) {
     if (depth.width != intrinsics.width || depth.height != intrinsics.height || depth.width < 1 || depth.height < 1)
         throw Error(ExitCode::bad_input,
                     "depth: size: got " + std::to_string(depth.width) + "x" + std::to_string(depth.height) +
                         ", expected " + std::to_string(intrinsics.width) + "x" + std::to_string(intrinsics.height));
-    SurfaceView view{intrinsics, world_from_cam, Grid<float>(depth.width, depth.height), {}, 0, 0, 0};
+    view.intrinsics = intrinsics, view.world_from_cam = world_from_cam;
+    view.invalid_px = view.sky_px = 0;
+    if (view.inverse_depth.width != depth.width || view.inverse_depth.height != depth.height)
+        view.inverse_depth = Grid<float>(depth.width, depth.height);
     struct Row {
         uint32_t invalid = 0, sky = 0;
         float nearest_m = 1e12f;
@@ -493,7 +509,6 @@ SurfaceView surface_view(const Intrinsics& intrinsics, const Pose& world_from_ca
     LiftOptions options;
     options.baseline_m = glm::length(shifted_centre_m - world_from_cam.translation_m);
     find_tears(intrinsics, view.inverse_depth, options, view.tears);
-    return view;
 }
 
 bool reproject(const SurfaceView& view, const ShiftedCamera& shifted, const Mask* where, Reprojection& out) {
@@ -534,11 +549,16 @@ bool reproject(const SurfaceView& view, const ShiftedCamera& shifted, const Mask
                 x0 = std::min(x0, std::max(x - 2 * step, 0)), x1 = std::max(x1, std::min(x + 2 * step, width));
             }
     }
-    if (x0 >= x1) return false;
+    if (x0 >= x1) {
+        out.x0 = out.x1 = 0;
+        return false;
+    }
     if (out.sight.width != width || out.sight.height != height) {
         out.sight = Grid<Sight>(width, height, Sight::none);
         out.inverse_depth = Grid<float>(width, height, 0);
         out.source_px = Grid<glm::vec2>(width, height, glm::vec2(0));
+    }
+    if (out.wall.size() != out.sight.size()) {
         out.wall.resize(out.sight.size());
     }
     out.x0 = x0, out.x1 = x1;

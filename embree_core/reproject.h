@@ -23,6 +23,9 @@ struct SurfaceView {
 /// Torn as V's distance asks; the same tears as `lift_towards`. Throws Error bad_input when the size does not fit.
 SurfaceView surface_view(const Intrinsics& intrinsics, const Pose& world_from_cam, const DepthMap& depth,
                          const glm::dvec3& shifted_centre_m);
+/// The same into memory of an earlier frame.
+void surface_view(const Intrinsics& intrinsics, const Pose& world_from_cam, const DepthMap& depth,
+                  const glm::dvec3& shifted_centre_m, SurfaceView& out);
 
 /// Two depth maps of one surface differ by their sampling: by up to this share of depth they mean the same one.
 inline constexpr double same_surface_share = 0.02;
@@ -50,7 +53,7 @@ struct Reprojection {
 };
 
 /// By rasterising. `where`: only pixels that are set there are answered, in as many columns as it takes (null: all of
-/// them); others are left unfinished. Returns false, with `out` untouched, where no surface or sky can fall on such a
+/// them); others are left unfinished. Returns false where no surface or sky can fall on such a
 /// pixel. The same bytes whatever the number of threads.
 bool reproject(const SurfaceView& view, const ShiftedCamera& shifted, const Mask* where, Reprojection& out);
 

@@ -24,7 +24,7 @@ Sampler::Sampler(const SurfaceField& field, const ColorImage& image, const Proje
     row(0, x_), row(1, y_), row(2, z_);
 }
 
-Sampler::Place Sampler::place(glm::vec2 source_px) const {
+inline Sampler::Place Sampler::place(glm::vec2 source_px) const {
     const auto along = [](float position, int size, int& pixel, float& offset) {
         pixel = int(std::clamp(position, 0.0f, float(size) - 0.5f));
         offset = position - (float(pixel) + 0.5f);
@@ -37,7 +37,21 @@ Sampler::Place Sampler::place(glm::vec2 source_px) const {
 }
 
 bool Sampler::is_edge(glm::vec2 source_px) const {
-    const Place at = place(source_px);
+    return is_edge(place(source_px));
+}
+
+glm::vec3 Sampler::at(glm::vec2 source_px, glm::vec2 shifted_px) const {
+    return at(place(source_px), source_px, shifted_px);
+}
+
+bool Sampler::sample(glm::vec2 source_px, glm::vec2 shifted_px, EdgeBand edge, glm::vec3& color) const {
+    const Place there = place(source_px);
+    if (edge == EdgeBand::drop && is_edge(there)) return false;
+    color = at(there, source_px, shifted_px);
+    return true;
+}
+
+inline bool Sampler::is_edge(const Place& at) const {
     const size_t index = size_t(at.py) * size_t(image_.width) + size_t(at.px);
     const uint8_t* tears = &field_.tears.data[index];
     if (!(tears[0] | (at.px > 0 ? tears[-1] & 1 : 0) | (at.py > 0 ? tears[-long(image_.width)] & 2 : 0))) return false;
@@ -50,8 +64,7 @@ bool Sampler::is_edge(glm::vec2 source_px) const {
            (at.dy != 0 && mixed(at.px, at.py + (at.dy > 0 ? 1 : -1)));
 }
 
-glm::vec3 Sampler::at(glm::vec2 source_px, glm::vec2 shifted_px) const {
-    const Place at = place(source_px);
+inline glm::vec3 Sampler::at(const Place& at, glm::vec2 source_px, glm::vec2 shifted_px) const {
     const int width = image_.width;
     const int x0 = at.dx < 0 ? at.px - 1 : at.px, y0 = at.dy < 0 ? at.py - 1 : at.py;
     const size_t index = size_t(at.py) * size_t(width) + size_t(at.px);
@@ -153,31 +166,46 @@ namespace {
 
 /// `source(i)` gives the sampler of pixel i, or null.
 template <class Source>
-Warped warp_from(int width, int height, const Grid<glm::vec2>& source_px, EdgeBand edge, const Source& source) {
-    Warped out{ColorImage(width, height, glm::vec3(0)), Mask(width, height, 1)};
+void warp_from(int width, int height, const Grid<glm::vec2>& source_px, EdgeBand edge, const Source& source,
+               ColorImage& color, Mask& missing) {
+    if (color.width != width || color.height != height) color = ColorImage(width, height);
+    if (missing.width != width || missing.height != height) missing = Mask(width, height);
     tbb::parallel_for(0, height, [&](int y) {
+        const size_t first = size_t(y) * size_t(width);
         for (int x = 0; x < width; ++x) {
-            const size_t at = size_t(y) * size_t(width) + size_t(x);
+            const size_t at = first + size_t(x);
             const Sampler* sampler = source(at);
-            if (!sampler || (edge == EdgeBand::drop && sampler->is_edge(source_px.data[at]))) continue;
-            out.color.data[at] = sampler->at(source_px.data[at], {float(x) + 0.5f, float(y) + 0.5f});
-            out.missing.data[at] = 0;
+            glm::vec3 found(0);
+            const bool sampled =
+                sampler &&
+                sampler->sample(source_px.data[at], glm::vec2(float(x) + 0.5f, float(y) + 0.5f), edge, found);
+            color.data[at] = found;
+            missing.data[at] = !sampled;
         }
     });
-    return out;
 }
 
 }  // namespace
 
+void warp(const Reprojection& shown, const Sampler& sampler, EdgeBand edge, ColorImage& color, Mask& missing) {
+    warp_from(
+        shown.sight.width, shown.sight.height, shown.source_px, edge,
+        [&](size_t at) { return is_seen(shown.sight.data[at]) ? &sampler : nullptr; }, color, missing);
+}
+
 Warped warp(const Reprojection& shown, const Sampler& sampler, EdgeBand edge) {
-    return warp_from(shown.sight.width, shown.sight.height, shown.source_px, edge,
-                     [&](size_t at) { return is_seen(shown.sight.data[at]) ? &sampler : nullptr; });
+    Warped out;
+    warp(shown, sampler, edge, out.color, out.missing);
+    return out;
 }
 
 Warped warp(const ShiftedHoles& seen, const std::vector<Sampler>& samplers, EdgeBand edge) {
-    return warp_from(seen.hole.width, seen.hole.height, seen.source_px, edge, [&](size_t at) {
-        return seen.source.data[at] >= 0 ? &samplers.at(size_t(seen.source.data[at])) : nullptr;
-    });
+    Warped out;
+    warp_from(
+        seen.hole.width, seen.hole.height, seen.source_px, edge,
+        [&](size_t at) { return seen.source.data[at] >= 0 ? &samplers.at(size_t(seen.source.data[at])) : nullptr; },
+        out.color, out.missing);
+    return out;
 }
 
 }  // namespace vshift

@@ -20,6 +20,8 @@ public:
     /// At an image position of R that V shows at `shifted_px`; whatever they are the result is a mean of pixels of one
     /// surface.
     glm::vec3 at(glm::vec2 source_px, glm::vec2 shifted_px) const;
+    /// `at`, unless the place is an edge and these are dropped: then false.
+    bool sample(glm::vec2 source_px, glm::vec2 shifted_px, EdgeBand edge, glm::vec3& color) const;
     /// Whether the position lies on the far side of a tear, nearer to it than the last pixel's centre.
     bool is_edge(glm::vec2 source_px) const;
 
@@ -29,6 +31,8 @@ private:
         float dx, dy;  ///< from its centre
     };
     Place place(glm::vec2 source_px) const;
+    bool is_edge(const Place& at) const;
+    glm::vec3 at(const Place& at, glm::vec2 source_px, glm::vec2 shifted_px) const;
     glm::vec3 torn(const Place& at) const;
     glm::vec3 wide(const Place& at, glm::vec2 reach) const;
     SurfaceField field_;
@@ -42,6 +46,8 @@ struct Warped {
     Mask missing;
 };
 Warped warp(const Reprojection& shown, const Sampler& sampler, EdgeBand edge);
+/// The same into memory of an earlier frame.
+void warp(const Reprojection& shown, const Sampler& sampler, EdgeBand edge, ColorImage& color, Mask& missing);
 /// The same from the whole rig: `samplers[k]` belongs to view k.
 Warped warp(const ShiftedHoles& seen, const std::vector<Sampler>& samplers, EdgeBand edge);
 
