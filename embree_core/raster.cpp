@@ -109,8 +109,15 @@ struct Blocks {
         std::vector<uint32_t> counts(size_t(columns) * size_t(rows));
         tbb::parallel_for(0, rows, [&](int by) {
             for (int y = by * block; y < std::min((by + 1) * block, where.height); ++y)
-                for (int x = 0; x < where.width; ++x)
-                    counts[size_t(by) * size_t(columns) + size_t(x) / block] += where.at(x, y);
+                for (int bx = 0; bx < columns; ++bx) {
+                    const uint8_t* row = &where.at(bx * block, y);
+                    unsigned sum = 0;
+                    if ((bx + 1) * block <= where.width)
+                        for (int i = 0; i < block; ++i) sum += row[i];
+                    else
+                        for (int i = 0; i < where.width - bx * block; ++i) sum += row[i];
+                    counts[size_t(by) * size_t(columns) + size_t(bx)] += sum;
+                }
         });
         sums.assign(size_t(columns + 1) * size_t(rows + 1), 0);
         for (int y = 0; y < rows; ++y)
@@ -186,7 +193,8 @@ public:
 
     /// Sky where nothing stands, and what walls hide.
     void finish(const ProjectiveMap& sky_map, const Intrinsics& recorded) {
-        for (int y = y0_; y < y1_; ++y)
+        for (int y = y0_; y < y1_; ++y) {
+            const glm::dvec3 row = sky_map.turn[1] * (y + 0.5) + sky_map.turn[2];
             for (int x = out_.x0; x < out_.x1; ++x) {
                 const size_t at = size_t(y) * size_t(width_) + size_t(x);
                 if (where_ && !where_->data[at]) continue;
@@ -202,13 +210,14 @@ public:
                 }
                 sight = wall ? Sight::behind_wall : Sight::none;
                 if (view_.sky_px == 0) continue;
-                const glm::dvec3 h = sky_map.at(x + 0.5, y + 0.5, 0);
+                const glm::dvec3 h = sky_map.turn[0] * (x + 0.5) + row;
                 if (!(h.z > 1e-9)) continue;
-                const glm::dvec2 u(h.x / h.z, h.y / h.z);
+                const glm::dvec2 u = glm::dvec2(h) * (1 / h.z);
                 if (!in_image(recorded, u) || field_.w.at(int(u.x), int(u.y)) != 0) continue;
                 out_.source_px.data[at] = glm::vec2(u);
                 if (!wall) sight = Sight::sky;
             }
+        }
     }
 
 private:
@@ -433,13 +442,19 @@ private:
 Bounds bounds_of(const SurfaceView& view, int tile_x, int tile_y) {
     const Grid<float>& w = view.inverse_depth;
     Bounds out;
-    bool invalid = false;
+    // The image's border is a tear too.
+    bool invalid = false, torn = tile_x < 0 || tile_y < 0 || tile_x + tile_columns >= w.width ||
+                                 tile_y + tile_rows >= w.height;
     const int x0 = std::max(tile_x, 0), x1 = std::min(tile_x + tile_columns, w.width - 1);
     const int y0 = std::max(tile_y, 0), y1 = std::min(tile_y + tile_rows, w.height - 1);
     for (int y = y0; y <= y1; ++y) {
         const float* row = &w.data[size_t(y) * size_t(w.width)];
         float low = out.low, high = out.high;
+        const uint8_t* tears = &view.tears.data[size_t(y) * size_t(w.width)];
         int unknown = 0;
+        unsigned any_tear = 0;
+        for (int x = x0; x <= x1; ++x) any_tear |= tears[x];
+        torn |= any_tear != 0;
         for (int x = x0; x <= x1; ++x) {
             low = row[x] < low ? row[x] : low;
             high = row[x] > high ? row[x] : high;
@@ -448,7 +463,7 @@ Bounds bounds_of(const SurfaceView& view, int tile_x, int tile_y) {
         out.low = low, out.high = high, invalid |= unknown != 0;
     }
     if (out.high == 0 && !invalid) return {};  // sky
-    out.low *= 0.5f, out.high *= 2;            // half a pixel beyond a tear (SurfaceField::half_edge)
+    if (torn || invalid) out.low *= 0.5f, out.high *= 2;  // half a pixel beyond a tear (SurfaceField::half_edge)
     if (invalid) out.high = view.wall_top;
     return out;
 }
