@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Role: from a recipe and a request to the channels of the answer: reads the files that the request
-// needs, runs lift -> trace -> mask | holes | warp. The command line and the plugin both call this, so
+// needs, runs mask | holes | warp | seam | condition. The command line and the plugin both call this, so
 // they give the same pixels.
 #pragma once
 #include <map>
@@ -15,7 +15,8 @@ namespace vshift {
 class FrameFiles {
 public:
     explicit FrameFiles(const Recipe& recipe) : recipe_(recipe) {}
-    const DepthMap& depth(const std::string& camera, int frame);
+    /// Ready to lift: what is estimated from pictures has its silhouettes snapped.
+    const DepthMap& depth(const Request& request, const std::string& camera);
     /// Of a depth map that has been read: as the request, else the recipe, else the file says.
     DepthSource depth_source(const Request& request, const std::string& camera) const;
     DepthRules depth_rules(const Request& request, const std::string& camera) const;
@@ -25,7 +26,7 @@ private:
     void keep_frame(int frame);
     const Recipe& recipe_;
     int frame_ = -1;
-    std::map<std::string, DepthMap> depths_;
+    std::map<std::string, DepthMap> depths_, snapped_;
     std::map<std::string, SampleType> stored_;
     std::map<std::string, ColorImage> colors_;
 };

@@ -11,7 +11,7 @@ namespace vshift {
 namespace {
 
 constexpr int snap_reach_px = 2;
-constexpr double snap_visible_px = 2;
+constexpr float least_step = 0.05f;  // of 1/z
 // A slope goes on farther out, a blurred step does not: over twice the reach it rises by less than this.
 constexpr float step_rise = 1.5f;
 // On a blurred step a pixel differs from both neighbours across it by this share of the step. Beside a sharp one it
@@ -71,13 +71,12 @@ DepthRules depth_rules(DepthSource source, const DepthMap& depth, double step_m)
         }
         case DepthSource::mono:
             rules.tear_px = 2, rules.tear_break = 0.5;
-            rules.snap = true;
             break;
     }
     return rules;
 }
 
-DepthMap snap_edges(const DepthMap& depth, double px_per_inverse_depth) {
+DepthMap snap_edges(const DepthMap& depth) {
     const int width = depth.width, height = depth.height;
     // NaN, no measurement, is no extreme: std::min and std::max keep what they have.
     Grid<float> w(width, height);
@@ -104,7 +103,7 @@ DepthMap snap_edges(const DepthMap& depth, double px_per_inverse_depth) {
         for (int x = frame; x < width - frame; ++x) {
             const size_t i = size_t(y) * size_t(width) + size_t(x);
             const float own = w.data[i], least = low.data[i], most = high.data[i], step = most - least;
-            if (!(double(step) * px_per_inverse_depth >= snap_visible_px)) continue;
+            if (!(step >= least_step * most)) continue;
             if (high_wide.data[i] - low_wide.data[i] > step_rise * step) continue;
             if (!on_slope(x, own, slope_share * step)) continue;
             const float snapped = own - least > most - own ? most : least;

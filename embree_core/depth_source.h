@@ -38,16 +38,15 @@ struct DepthRules {
     double tear_px = 1.0;
     double tear_break = 0.25, crease_break = 0.5;
     InverseDepthError error;
-    bool snap = false;  ///< `snap_edges` comes first
 };
 
 /// `depth` says where the 8-bit scale ends; `step_m` is that of mm16.
 DepthRules depth_rules(DepthSource source, const DepthMap& depth, double step_m = 0.001);
 
-/// Silhouettes that are blurred over a few pixels, made sharp again: a pixel on the slope between two surfaces goes to
-/// the nearer one's nearest 1/z within two pixels, or to the farther one's, whichever it is closer to.
-/// `px_per_inverse_depth` is focal length times baseline: slopes that show as less than 2 px stay, and so does
-/// a frame of four pixels.
-DepthMap snap_edges(const DepthMap& depth, double px_per_inverse_depth);
+/// What monocular depth goes through before anything else: silhouettes that are blurred over a few pixels, made sharp
+/// again. A pixel on the slope between two surfaces goes to the nearer one's nearest 1/z within two pixels, or to the
+/// farther one's farthest, whichever it is closer to. Steps of less than a twentieth of 1/z stay, and so does a frame
+/// of four pixels.
+DepthMap snap_edges(const DepthMap& depth);
 
 }  // namespace vshift

@@ -24,7 +24,7 @@ struct SweepCamera {
     Intrinsics recorded, shifted;
     Pose recorded_from_shifted;  ///< V in R's frame
     double clear_m = 2.0;        ///< radius round V's centre that is taken as free
-    DepthRules rules{};          ///< `snap` is the caller's affair
+    DepthRules rules{};
     double lines_per_px = 1.5;   ///< where lines are not the rows: how close they lie at the image's far border
 };
 

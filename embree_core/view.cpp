@@ -57,7 +57,7 @@ LiftedMesh lift_towards(const Intrinsics& intrinsics, const Pose& world_from_cam
     options.tolerance_px = tolerance_px;
     options.baseline_m = glm::length(shifted_centre_m - world_from_cam.translation_m);
     options.rules = rules;
-    return lift(intrinsics, rules.snap ? snap_edges(depth, intrinsics.fx * options.baseline_m) : depth, options);
+    return lift(intrinsics, depth, options);
 }
 
 LiftedView build_view(const std::string& name, const Pose& world_from_cam, LiftedMesh mesh) {

@@ -36,7 +36,7 @@ struct LiftedView {
     TracedWalls torn;
 };
 
-/// The depth map as a mesh, snapped, torn and collapsed as its source and V's distance ask. `shifted_centre_m`: V's
+/// The depth map as a mesh, torn and collapsed as its source and V's distance ask. `shifted_centre_m`: V's
 /// centre in the world.
 LiftedMesh lift_towards(const Intrinsics& intrinsics, const Pose& world_from_cam, const DepthMap& depth,
                         const glm::dvec3& shifted_centre_m, double tolerance_px = 0, const DepthRules& rules = {});

@@ -64,14 +64,14 @@ struct Asked {
 
 /// Asked of depth as `stored` has it, by the rules of `stated`.
 Asked ask(const View& r, const View& v, const DepthMap& exact, DepthSource stored, DepthSource stated) {
-    const DepthMap depth = stored_as(stored, exact);
+    DepthMap depth = stored_as(stored, exact);
+    if (stated == DepthSource::mono) depth = snap_edges(depth);
     const DepthRules rules = depth_rules(stated, depth);
     const SweepCamera camera{r.intrinsics, v.intrinsics, compose(inverse(r.world_from_cam), v.world_from_cam), clear_m,
                              rules};
-    const double baseline_m = glm::length(camera.recorded_from_shifted.translation_m);
     Asked out;
     Grid<uint8_t> classes;
-    Sweeper().classes(camera, rules.snap ? snap_edges(depth, r.intrinsics.fx * baseline_m) : depth, classes);
+    Sweeper().classes(camera, depth, classes);
     out.swept = masks_of(classes);
     LiftedRig rig;
     LiftedMesh mesh = lift_towards(r.intrinsics, r.world_from_cam, depth, v.world_from_cam.translation_m, 0, rules);
@@ -124,12 +124,11 @@ TEST_CASE("the box keeps its patch and strip whatever the depth is stored as", "
 }
 
 TEST_CASE("snapping sharpens a blurred step and leaves planes and sharp steps alone", "[source]") {
-    constexpr double px_per_inverse_depth = 640;
     DepthMap step(40, 30, 10.0f);
     for (int y = 0; y < 30; ++y)
         for (int x = 0; x < 20; ++x) step.at(x, y) = 4.0f;
-    CHECK(differing_depths(snap_edges(step, px_per_inverse_depth), step) == 0);
-    const DepthMap blurred = stored_as(DepthSource::mono, step), snapped = snap_edges(blurred, px_per_inverse_depth);
+    CHECK(differing_depths(snap_edges(step), step) == 0);
+    const DepthMap blurred = stored_as(DepthSource::mono, step), snapped = snap_edges(blurred);
     float worst = 0, worst_blurred = 0;
     for (size_t i = 0; i < step.size(); ++i) {
         if (const int y = int(i) / 40; y < 4 || y >= 26) continue;
@@ -141,12 +140,12 @@ TEST_CASE("snapping sharpens a blurred step and leaves planes and sharp steps al
 
     const MinimalScene road = make_scene("grazing_road", {640, 480});
     const DepthMap plane = render(road.world, road.recorded(0)).depth;
-    CHECK(differing_depths(snap_edges(plane, px_per_inverse_depth), plane) == 0);
+    CHECK(differing_depths(snap_edges(plane), plane) == 0);
 
     DepthMap holes = step;
     holes.at(19, 5) = std::numeric_limits<float>::quiet_NaN();
     holes.at(3, 3) = std::numeric_limits<float>::infinity();
-    const DepthMap kept = snap_edges(holes, px_per_inverse_depth);
+    const DepthMap kept = snap_edges(holes);
     CHECK(std::isnan(kept.at(19, 5)));
     CHECK(std::isinf(kept.at(3, 3)));
 }

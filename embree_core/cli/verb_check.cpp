@@ -28,7 +28,10 @@ void run(const std::string& recipe_file) {
         for (const CameraSpec& camera : recipe.cameras) {
             stop_if_interrupted();
             progress.show(done++, total, camera.name);
-            const DepthMap& depth = files.depth(camera.name, frame.index);
+            Request as_stored;
+            as_stored.frame = frame.index;
+            as_stored.depth_source = DepthSource::exact;
+            const DepthMap& depth = files.depth(as_stored, camera.name);
             for (float z : depth.data) {
                 sky += is_sky(z);
                 invalid += !is_sky(z) && !is_measured(z);
