@@ -53,6 +53,7 @@ int main(int argc, char** argv) {
         cli::add_check_verb(app);
         cli::add_report_verb(app);
         cli::add_bench_verb(app);
+        cli::add_stress_verb(app);
         try {
             app.parse(argc, argv);
         } catch (const CLI::Success& e) {
