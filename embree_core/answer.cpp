@@ -5,23 +5,13 @@
 #include <chrono>
 #include <cmath>
 
-#include "embree_core/holes.h"
+#include "embree_core/answer_views.h"
 #include "embree_core/mask.h"
 #include "embree_core/sweep.h"
 #include "embree_core/version.h"
 
 namespace vshift {
 namespace {
-
-using Clock = std::chrono::steady_clock;
-
-double ms_since(Clock::time_point start) {
-    return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
-}
-
-std::vector<float> plane_of(const Mask& mask) {
-    return {mask.data.begin(), mask.data.end()};
-}
 
 std::string number(double value) {
     char text[32];
@@ -41,23 +31,23 @@ std::string matrix_text(const Pose& pose) {
     return text;
 }
 
+}  // namespace
+
 bool has_colors(const Request& request) {
-    return request.out == "warp";
+    return request.out == "warp" || request.out == "seam" || request.out == "condition";
 }
 
-/// Whose geometry answers the request.
-std::vector<const CameraSpec*> lifted_cameras(const Recipe& recipe, const Request& request) {
-    if (request.from == Source::self) return {&recipe.camera(request.camera)};
+std::vector<const CameraSpec*> cameras_used(const Recipe& recipe, const Request& request) {
+    if (request.from == Source::self && request.out != "seam" && request.out != "condition")
+        return {&recipe.camera(request.camera)};
     std::vector<const CameraSpec*> cameras;
     for (const CameraSpec& camera : recipe.cameras) cameras.push_back(&camera);
     return cameras;
 }
 
-}  // namespace
-
 std::vector<std::filesystem::path> input_files(const Recipe& recipe, const Request& request) {
     std::vector<std::filesystem::path> files;
-    for (const CameraSpec* camera : lifted_cameras(recipe, request)) {
+    for (const CameraSpec* camera : cameras_used(recipe, request)) {
         files.push_back(recipe.path(camera->depth, request.frame));
         if (has_colors(request) && !camera->image.empty()) files.push_back(recipe.path(camera->image, request.frame));
     }
@@ -90,13 +80,6 @@ const ColorImage& FrameFiles::color(const std::string& camera, int frame) {
 }
 
 namespace {
-
-/// The own camera and V, in the world.
-struct Views {
-    const CameraSpec& own;
-    Pose world_from_own;
-    ShiftedCamera shifted;
-};
 
 void add_mask(const RecordedMasks& m, Channels& image) {
     image.add("lost", plane_of(m.lost));
@@ -131,61 +114,11 @@ void sweep_answer(const Views& views, const Request& request, FrameFiles& files,
     }
 }
 
-/// Any answer, from lifted meshes by casting rays.
+/// A mask, from lifted meshes by casting rays.
 void cast_answer(const Recipe& recipe, const Views& views, const Request& request, FrameFiles& files, Answer& out) {
-    const CameraSpec& own = views.own;
-    const ShiftedCamera& shifted = views.shifted;
-    LiftedRig rig;
-    std::vector<ColorImage> images;
-    const bool colors = has_colors(request);
-    for (const CameraSpec* lifted : lifted_cameras(recipe, request)) {
-        const CameraSpec& camera = *lifted;
-        auto start = Clock::now();
-        const DepthMap& depth = files.depth(camera.name, request.frame);
-        if (colors) images.push_back(files.color(camera.name, request.frame));
-        out.times.read_ms += ms_since(start);
-        start = Clock::now();
-        if (camera.name == own.name) rig.own = int(rig.views.size());
-        const Pose world_from_cam = recipe.world_from_cam(camera.name, request.frame);
-        LiftedMesh mesh = lift_towards(camera.intrinsics, world_from_cam, depth, shifted.world_from_cam.translation_m,
-                                       request.tolerance_px);
-        out.times.lift_ms += ms_since(start);
-        start = Clock::now();
-        rig.views.push_back(build_view(camera.name, world_from_cam, std::move(mesh)));
-        out.times.build_ms += ms_since(start);
-        out.kept_quads += rig.views.back().mesh.kept.size();
-        out.torn_quads += rig.views.back().mesh.torn.size();
-        out.triangles += rig.views.back().mesh.kept_triangles + 2 * rig.views.back().mesh.torn.size();
-        out.bvh_bytes += bvh_bytes(rig.views.back());
-    }
-    const LiftedView& own_view = rig.views[size_t(rig.own)];
-    out.invalid_px = own_view.mesh.invalid_px;
-    out.sky_px = own_view.mesh.sky_px;
-    const glm::dvec3 centre_own = inverse(own_view.world_from_cam).point(shifted.world_from_cam.translation_m);
-    if (const auto u = project(own.intrinsics, centre_own); u && centre_own.z > 1e-6)
-        out.centre_hidden = 1.0 / centre_own.z < double(surface_inverse_depth(own_view.mesh, *u));
-
+    const LiftedRig rig = lifted_rig(recipe, views, request, files, out);
     const auto start = Clock::now();
-    Channels& image = out.image;
-    if (request.out == "mask") {
-        add_mask(mask(rig, shifted, request.clear_m), image);
-    } else {
-        const ShiftedHoles h = holes(rig, shifted);
-        if (request.out == "holes") {
-            image.add("hole", plane_of(h.hole));
-            image.add("disoccluded", plane_of(h.disoccluded));
-            image.add("outside", plane_of(h.outside));
-        } else {
-            const ColorImage warped = warp(rig, h, images);
-            for (int c = 0; c < 3; ++c) {
-                std::vector<float> plane(warped.size());
-                for (size_t i = 0; i < plane.size(); ++i) plane[i] = warped.data[i][c];
-                image.add(std::string(1, "RGB"[c]), std::move(plane));
-            }
-            image.add("Z", h.depth.data);
-            image.add("hole", plane_of(h.hole));
-        }
-    }
+    add_mask(mask(rig, views.shifted, request.clear_m), out.image);
     out.times.cast_ms = ms_since(start);
 }
 
@@ -198,16 +131,21 @@ Answer answer(const Recipe& recipe, const Request& request, FrameFiles& files) {
                       {own.intrinsics, compose(recipe.world_from_ego(own.name, request.frame),
                                                shifted_ego_from_cam(own.ego_from_cam, request.shift))}};
     Answer out;
-    out.image.width = own.intrinsics.width;
-    out.image.height = own.intrinsics.height;
+    const int stride = request.out == "condition" ? request.stride : 1;
+    out.image.width = (own.intrinsics.width + stride - 1) / stride;
+    out.image.height = (own.intrinsics.height + stride - 1) / stride;
     const std::string method = chosen_method(request);
     if (method == "sweep")
         sweep_answer(views, request, files, out);
-    else
+    else if (request.out == "mask")
         cast_answer(recipe, views, request, files, out);
+    else
+        view_answer(recipe, views, request, files, out);
 
     const glm::dvec3 s = request.shift.translation_m;
-    const Intrinsics& k = own.intrinsics;
+    const Intrinsics& full = own.intrinsics;
+    const Intrinsics k{out.image.width, out.image.height, full.fx / stride,
+                       full.fy / stride, full.cx / stride, full.cy / stride};
     auto& meta = out.image.metadata;
     meta["vshift.version"] = version_string;
     meta["vshift.out"] = request.out;
@@ -221,7 +159,7 @@ Answer answer(const Recipe& recipe, const Request& request, FrameFiles& files) {
     meta["vshift.clear_m"] = number(request.clear_m);
     meta["vshift.intrinsic"] =
         number(k.fx) + " 0 " + number(k.cx) + " 0 " + number(k.fy) + " " + number(k.cy) + " 0 0 1";
-    const Pose seen_from = request.out == "mask" ? views.world_from_own : views.shifted.world_from_cam;
+    const Pose seen_from = chosen_view(request) == "recorded" ? views.world_from_own : views.shifted.world_from_cam;
     meta["vshift.worldToCamera"] = matrix_text(inverse(seen_from));
     meta["vshift.invalid_px"] = std::to_string(out.invalid_px);
     meta["vshift.sky_px"] = std::to_string(out.sky_px);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Role: from a recipe and a request to the channels of the answer: reads the files that the request
-// needs, runs lift -> trace -> mask | holes | warp. The command line and the plugin both call this, so
+// needs, runs mask | holes | warp | seam | condition. The command line and the plugin both call this, so
 // they give the same pixels.
 #pragma once
 #include <map>

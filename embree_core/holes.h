@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Role: what the shifted view lacks (method.md section 3), and the warp of what it has.
-// Stages: holes, warp. Rays have z = 1, so a ray's t is planar depth.
+// Role: what the shifted view lacks (method.md section 3). Stage: holes.
 #pragma once
-#include "embree_core/view.h"
+#include "embree_core/reproject.h"
 
 namespace vshift {
 
@@ -16,11 +15,17 @@ struct ShiftedHoles {
     DepthMap depth;
 };
 
-/// With several views a pixel is seen when any of them saw it; the own camera is preferred.
-ShiftedHoles holes(const LiftedRig& rig, const ShiftedCamera& shifted);
+/// A recorded camera of the rig and what it shows at V's pixels.
+struct RigView {
+    Intrinsics intrinsics;
+    Pose world_from_cam;
+    const Reprojection* shown = nullptr;  ///< null: nothing
+};
 
-/// The shifted view's colours: bilinear samples of the source images, never mixed across a tear;
-/// holes are black. `images[k]` belongs to `rig.views[k]`.
-ColorImage warp(const LiftedRig& rig, const ShiftedHoles& seen, const std::vector<ColorImage>& images);
+/// With several views a pixel is seen when any of them saw it; the own camera is preferred.
+ShiftedHoles holes(const std::vector<RigView>& rig, int own, const ShiftedCamera& shifted);
+
+/// The same from lifted views, by casting rays.
+ShiftedHoles holes(const LiftedRig& rig, const ShiftedCamera& shifted);
 
 }  // namespace vshift

@@ -23,37 +23,6 @@ bool torn_between(float before, float a, float b, float after, double px_per_inv
     return smallest >= float(options.tear_break) * step;
 }
 
-void find_tears(LiftedMesh& mesh, const LiftOptions& options) {
-    const Grid<float>& w = mesh.inverse_depth;
-    const float nan = std::numeric_limits<float>::quiet_NaN();
-    mesh.tears = Grid<uint8_t>(w.width, w.height, 0);
-    const double fx_b = mesh.intrinsics.fx * options.baseline_m, fy_b = mesh.intrinsics.fy * options.baseline_m;
-    // Steps up to here are smaller than tear_px for sure: most pixels need no second look.
-    const auto surely_small = [&](double scale) { return float(options.tear_px / scale * (1 - 1e-5)); };
-    const float small_x = surely_small(fx_b), small_y = surely_small(fy_b);
-    tbb::parallel_for(0, w.height, [&](int y) {
-        const auto value = [&](int x, int row) {
-            return x < 0 || row < 0 || x >= w.width || row >= w.height ? nan : w.at(x, row);
-        };
-        const float* own = &w.data[size_t(y) * size_t(w.width)];
-        const float* under = y + 1 < w.height ? own + w.width : own;
-        for (int x = 0; x < w.width; ++x) {
-            const float a = own[x], right = own[x + 1 < w.width ? x + 1 : x], below = under[x];
-            const bool flat_x = std::fabs(right - a) <= small_x, flat_y = std::fabs(below - a) <= small_y;
-            if (flat_x & flat_y & (a > 0) & (right > 0) & (below > 0)) continue;
-            const auto torn = [&](float b, float before, float after, double scale) {
-                if (std::isnan(b)) return false;  // no such pixel, or no measurement: never joined anyway
-                if ((a > 0) != (b > 0)) return true;
-                return torn_between(before, a, b, after, scale, options);
-            };
-            uint8_t bits = 0;
-            if (torn(value(x + 1, y), value(x - 1, y), value(x + 2, y), fx_b)) bits |= 1;
-            if (torn(value(x, y + 1), value(x, y - 1), value(x, y + 2), fy_b)) bits |= 2;
-            mesh.tears.at(x, y) = bits;
-        }
-    });
-}
-
 /// 1/z and the vertices at pixel centres; returns the nearest depth.
 float read_pixels(LiftedMesh& mesh, const DepthMap& depth) {
     const int width = depth.width, height = depth.height;
@@ -118,6 +87,36 @@ void snap_pixels(LiftedMesh& mesh, const CellPlan& plan) {
 
 }  // namespace
 
+void find_tears(const Intrinsics& intrinsics, const Grid<float>& w, const LiftOptions& options, Grid<uint8_t>& tears) {
+    const float nan = std::numeric_limits<float>::quiet_NaN();
+    tears = Grid<uint8_t>(w.width, w.height, 0);
+    const double fx_b = intrinsics.fx * options.baseline_m, fy_b = intrinsics.fy * options.baseline_m;
+    // Steps up to here are smaller than tear_px for sure: most pixels need no second look.
+    const auto surely_small = [&](double scale) { return float(options.tear_px / scale * (1 - 1e-5)); };
+    const float small_x = surely_small(fx_b), small_y = surely_small(fy_b);
+    tbb::parallel_for(0, w.height, [&](int y) {
+        const auto value = [&](int x, int row) {
+            return x < 0 || row < 0 || x >= w.width || row >= w.height ? nan : w.at(x, row);
+        };
+        const float* own = &w.data[size_t(y) * size_t(w.width)];
+        const float* under = y + 1 < w.height ? own + w.width : own;
+        for (int x = 0; x < w.width; ++x) {
+            const float a = own[x], right = own[x + 1 < w.width ? x + 1 : x], below = under[x];
+            const bool flat_x = std::fabs(right - a) <= small_x, flat_y = std::fabs(below - a) <= small_y;
+            if (flat_x & flat_y & (a > 0) & (right > 0) & (below > 0)) continue;
+            const auto torn = [&](float b, float before, float after, double scale) {
+                if (std::isnan(b)) return false;  // no such pixel, or no measurement: never joined anyway
+                if ((a > 0) != (b > 0)) return true;
+                return torn_between(before, a, b, after, scale, options);
+            };
+            uint8_t bits = 0;
+            if (torn(value(x + 1, y), value(x - 1, y), value(x + 2, y), fx_b)) bits |= 1;
+            if (torn(value(x, y + 1), value(x, y - 1), value(x, y + 2), fy_b)) bits |= 2;
+            tears.at(x, y) = bits;
+        }
+    });
+}
+
 SplitCell split_cell(const SurfaceField& f, int cx, int cy) {
     SplitCell cell;
     for (int c = 0; c < 4; ++c) {
@@ -166,10 +165,8 @@ LiftedMesh lift(const Intrinsics& intrinsics, const DepthMap& depth, const LiftO
     LiftedMesh mesh;
     mesh.intrinsics = intrinsics;
     const float nearest_m = read_pixels(mesh, depth);
-    find_tears(mesh, options);
-    // Walls beside a pixel without a measurement end this near to the camera: a power of two, so that
-    // the mesh of a scaled scene is the scaled mesh to the bit.
-    mesh.wall_top = 1024.0f / nearest_m;
+    find_tears(intrinsics, mesh.inverse_depth, options, mesh.tears);
+    mesh.wall_top = wall_top_of_nearest / nearest_m;
     const double px_per_inverse_depth = std::max(intrinsics.fx, intrinsics.fy) * options.baseline_m;
     const float bound =
         options.tolerance_px > 0 ? float(std::min(options.tolerance_px / px_per_inverse_depth, 1e30)) : 0;
@@ -180,9 +177,13 @@ LiftedMesh lift(const Intrinsics& intrinsics, const DepthMap& depth, const LiftO
 }
 
 float surface_inverse_depth(const LiftedMesh& mesh, glm::dvec2 u_px) {
+    return surface_inverse_depth(mesh.inverse_depth, mesh.tears, u_px);
+}
+
+float surface_inverse_depth(const Grid<float>& w, const Grid<uint8_t>& tears, glm::dvec2 u_px) {
     const float nan = std::numeric_limits<float>::quiet_NaN();
-    if (!in_image(mesh.intrinsics, u_px)) return nan;
-    const SurfaceField field{mesh.inverse_depth, mesh.tears};
+    if (!(u_px.x >= 0 && u_px.x < w.width && u_px.y >= 0 && u_px.y < w.height)) return nan;
+    const SurfaceField field{w, tears};
     const int cx = int(std::floor(u_px.x - 0.5)), cy = int(std::floor(u_px.y - 0.5));
     const float fx = float(u_px.x - 0.5 - cx), fy = float(u_px.y - 0.5 - cy);
     const int owner = fy < 0.5f ? (fx < 0.5f ? 0 : 1) : (fx < 0.5f ? 3 : 2);

@@ -64,8 +64,18 @@ struct LiftedMesh {
 /// measurement is counted.
 LiftedMesh lift(const Intrinsics& intrinsics, const DepthMap& depth, const LiftOptions& options);
 
+/// Which neighbouring pixels are torn apart: bit 0 from the right one, bit 1 from the lower. `w` is 1/z (0 sky, NaN no
+/// measurement).
+void find_tears(const Intrinsics& intrinsics, const Grid<float>& w, const LiftOptions& options, Grid<uint8_t>& tears);
+
+/// Where a wall beside a pixel without a measurement ends, in 1/z: a power of two times the nearest surface's, so that
+/// the mesh of a scaled scene is the scaled mesh to the bit.
+inline constexpr float wall_top_of_nearest = 1024.0f;
+
 /// 1/z of the mesh's surface at an image position: 0 for sky, NaN where there is no measurement or
 /// outside the image. A point with larger 1/z at that position was seen through: it is free.
 float surface_inverse_depth(const LiftedMesh& mesh, glm::dvec2 u_px);
+/// The same of a depth map's 1/z and tears.
+float surface_inverse_depth(const Grid<float>& w, const Grid<uint8_t>& tears, glm::dvec2 u_px);
 
 }  // namespace vshift

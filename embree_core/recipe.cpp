@@ -19,9 +19,40 @@ namespace fs = std::filesystem;
 constexpr size_t recipe_limit_bytes = size_t(64) << 20;
 constexpr int deepest_nesting = 16;
 
-const std::vector<std::string> request_keys = {"camera", "frame", "shift",        "yaw_deg", "out",
-                                               "from",   "view",  "tolerance_px", "method",  "clear_m"};
-const std::vector<std::string> known_outs = {"mask", "holes", "warp"};
+const std::vector<std::string> known_outs = {"mask", "holes", "warp", "seam", "condition"};
+
+/// Request keys that are a number in a range.
+struct NumberKey {
+    const char* name;
+    double lowest, highest;
+    const char* expected;
+    double& (*in)(Request&);
+};
+const NumberKey number_keys[] = {
+    {"tolerance_px", 0, 4, "0 (a vertex for every pixel) to 4 pixels", [](Request& r) -> double& { return r.tolerance_px; }},
+    {"clear_m", 0, 1000, "metres from 0 to 1000", [](Request& r) -> double& { return r.clear_m; }},
+    {"depth_tolerance", 0, 1, "a share of the depth from 0 to 1",
+     [](Request& r) -> double& { return r.depth_tolerance; }},
+    {"noise_exposure", 0, 8, "stops from 0 to 8", [](Request& r) -> double& { return r.noise.exposure_stops; }},
+    {"noise_white_balance", 0, 8, "stops from 0 to 8",
+     [](Request& r) -> double& { return r.noise.white_balance_stops; }},
+    {"noise_pose_m", 0, 10, "metres from 0 to 10", [](Request& r) -> double& { return r.noise.pose_m; }},
+    {"noise_pose_deg", 0, 45, "degrees from 0 to 45", [](Request& r) -> double& { return r.noise.pose_deg; }},
+    {"noise_time_s", 0, 10, "seconds from 0 to 10", [](Request& r) -> double& { return r.noise.time_s; }},
+    {"noise_depth_scale", 0, 1, "a share of the depth from 0 to 1",
+     [](Request& r) -> double& { return r.noise.depth_scale; }},
+    {"noise_depth_bias_m", 0, 100, "metres from 0 to 100", [](Request& r) -> double& { return r.noise.depth_bias_m; }},
+    {"noise_depth_blur_px", 0, 64, "pixels from 0 to 64", [](Request& r) -> double& { return r.noise.depth_blur_px; }},
+    {"noise_depth_field", 0, 1, "a share of the depth from 0 to 1",
+     [](Request& r) -> double& { return r.noise.depth_field; }},
+};
+
+const std::vector<std::string> request_keys = [] {
+    std::vector<std::string> keys = {"camera", "frame",  "shift", "yaw_deg", "out", "from",  "view",
+                                     "method", "edge", "match", "arm",     "stride", "noise_seed"};
+    for (const NumberKey& key : number_keys) keys.push_back(key.name);
+    return keys;
+}();
 
 [[noreturn]] void refuse(const std::string& where, const std::string& got, const std::string& expected) {
     throw Error(ExitCode::bad_input, where + ": got " + got + ", expected " + expected);
@@ -257,18 +288,37 @@ std::string request_text(const json& value, const std::string& where) {
 bool can_sweep(const Request& request) {
     return request.out == "mask" && request.from == Source::self && request.tolerance_px == 0;
 }
+/// The rasteriser takes any number of cameras, at full resolution.
+bool can_raster(const Request& request) {
+    return request.out != "mask" && request.tolerance_px == 0;
+}
+bool has_neighbors(const Request& request) {
+    return request.out == "seam" || request.out == "condition";
+}
 
 void check_against(const Recipe& recipe, const Request& request, const std::string& where) {
     if (!request.camera.empty() && request.camera != "*") recipe.camera(request.camera);
     recipe.frame(request.frame);
     const std::string view = request.out == "mask" ? "recorded" : "shifted";
-    if (!request.view.empty() && request.view != view)
+    if (!has_neighbors(request) && !request.view.empty() && request.view != view)
         refuse(where + ": view", shown(request.view), view + " for out=" + request.out);
+    const std::string asked = "out=" + request.out + ", from=" + (request.from == Source::rig ? "rig" : "self") +
+                              (request.tolerance_px > 0 ? " and a mesh tolerance" : "");
     if (request.method == "sweep" && !can_sweep(request))
-        refuse(where + ": method",
-               "'sweep' for out=" + request.out + ", from=" + (request.from == Source::rig ? "rig" : "self") +
-                   (request.tolerance_px > 0 ? " and a mesh tolerance" : ""),
-               "out=mask, from=self and tolerance_px=0, or method=embree");
+        refuse(where + ": method", "'sweep' for " + asked,
+               "out=mask, from=self and tolerance_px=0, or method=" + std::string(can_raster(request) ? "raster" : "embree"));
+    if (request.method == "raster" && !can_raster(request))
+        refuse(where + ": method", "'raster' for " + asked, "out=holes, warp, seam or condition and tolerance_px=0");
+    if (!has_neighbors(request)) return;
+    if (request.from == Source::rig)
+        refuse(where + ": from", "'rig' for out=" + request.out,
+               "self: the own depth map says what is missing, the neighbours fill it");
+    if (request.out != "condition") return;
+    const std::string of_arm = request.arm == "splat"                                     ? "shifted"
+                               : request.arm == "literal" || request.arm == "double_warp" ? "recorded"
+                                                                                          : "";
+    if (!of_arm.empty() && chosen_view(request) != of_arm)
+        refuse(where + ": view", shown(chosen_view(request)), of_arm + " for arm=" + request.arm);
 }
 
 }  // namespace
@@ -400,6 +450,14 @@ void set_request_key(Request& request, const std::string& key, const std::string
         if (!(value >= lowest && value <= highest)) refuse(at, shown(text), expected);
         return value;
     };
+    const auto whole_from = [&](int lowest, int highest) {
+        int value = 0;
+        const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+        if (error != std::errc() || end != text.data() + text.size() || value < lowest || value > highest)
+            refuse(at, shown(text),
+                   "a whole number from " + std::to_string(lowest) + " to " + std::to_string(highest));
+        return value;
+    };
     if (key == "camera") {
         request.camera = text;
     } else if (key == "frame") {
@@ -429,12 +487,22 @@ void set_request_key(Request& request, const std::string& key, const std::string
         request.from = one_of({"self", "rig"}) == "rig" ? Source::rig : Source::self;
     } else if (key == "view") {
         request.view = one_of({"recorded", "shifted"});
-    } else if (key == "tolerance_px") {
-        request.tolerance_px = number_from(0, 4, "0 (a vertex for every pixel) to 4 pixels");
     } else if (key == "method") {
-        request.method = one_of({"auto", "sweep", "embree"});
-    } else if (key == "clear_m") {
-        request.clear_m = number_from(0, 1000, "metres from 0 to 1000");
+        request.method = one_of({"auto", "sweep", "raster", "embree"});
+    } else if (key == "edge") {
+        request.edge = one_of({"drop", "keep"});
+    } else if (key == "match") {
+        request.match = one_of({"none", "exposure", "color"});
+    } else if (key == "arm") {
+        request.arm = one_of({"virtual_shift", "double_warp", "literal", "splat"});
+    } else if (key == "stride") {
+        request.stride = whole_from(1, 256);
+    } else if (key == "noise_seed") {
+        request.noise.seed = whole_from(0, 999999999);
+    } else if (const auto number = std::find_if(std::begin(number_keys), std::end(number_keys),
+                                                [&](const NumberKey& k) { return key == k.name; });
+               number != std::end(number_keys)) {
+        number->in(request) = number_from(number->lowest, number->highest, number->expected);
     } else {
         refuse(where + ": " + shown(key), "an unknown key",
                "one of " + list_of(request_keys) + " (did you mean " + nearest_word(key, request_keys) + "?)");
@@ -468,15 +536,22 @@ std::string canonical_text(const Request& request) {
     text += "&out=" + request.out;
     text += std::string("&from=") + (request.from == Source::rig ? "rig" : "self");
     if (!request.view.empty()) text += "&view=" + request.view;
-    text += "&tolerance_px=" + number(request.tolerance_px);
-    text += "&method=" + request.method;
-    text += "&clear_m=" + number(request.clear_m);
+    text += "&method=" + request.method + "&edge=" + request.edge + "&match=" + request.match;
+    text += "&arm=" + request.arm + "&stride=" + std::to_string(request.stride);
+    text += "&noise_seed=" + std::to_string(request.noise.seed);
+    Request copy = request;
+    for (const NumberKey& key : number_keys) text += std::string("&") + key.name + "=" + number(key.in(copy));
     return text;
 }
 
 std::string chosen_method(const Request& request) {
     if (request.method != "auto") return request.method;
-    return can_sweep(request) ? "sweep" : "embree";
+    return can_sweep(request) ? "sweep" : can_raster(request) ? "raster" : "embree";
+}
+
+std::string chosen_view(const Request& request) {
+    if (!request.view.empty()) return request.view;
+    return request.out == "mask" || request.out == "condition" ? "recorded" : "shifted";
 }
 
 std::vector<std::string> requested_cameras(const Recipe& recipe, const Request& request) {

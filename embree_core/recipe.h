@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "embree_core/camera.h"
+#include "embree_core/degrade.h"
 #include "embree_core/types.h"
 
 namespace vshift {
@@ -51,10 +52,17 @@ struct Request {
     Shift shift;
     std::string out = "mask";
     Source from = Source::self;
-    std::string view;  ///< "recorded" or "shifted"; empty: the default of `out`
+    std::string view;  ///< "recorded" or "shifted"; empty: the default of `out` (see `chosen_view`)
     double tolerance_px = 0;
     std::string method = "auto";  ///< see `chosen_method`
     double clear_m = 2.0;
+    // Colours: warp, seam, condition.
+    std::string edge = "drop";           ///< "drop" or "keep": the far side's last half pixel at a tear
+    std::string match = "none";          ///< "none", "exposure" or "color"
+    double depth_tolerance = 0.02;       ///< share by which two depths of one surface may differ
+    std::string arm = "virtual_shift";   ///< of a condition; see condition.h
+    int stride = 1;                      ///< of a condition, in pixels
+    Degradations noise;
 };
 
 struct Recipe {
@@ -86,9 +94,11 @@ void set_request_key(Request& request, const std::string& key, const std::string
 /// same have the same text, and `resolve_request` takes it back.
 std::string canonical_text(const Request& request);
 
-/// "sweep" or "embree": what the request names, or, for "auto", the sweep for a mask from the own depth map alone
-/// and Embree for all else.
+/// "sweep", "raster" or "embree": what the request names, or, for "auto", the fastest that can answer.
 std::string chosen_method(const Request& request);
+
+/// "recorded" or "shifted".
+std::string chosen_view(const Request& request);
 
 /// Cameras that a request asks for: the one it names, or all.
 std::vector<std::string> requested_cameras(const Recipe& recipe, const Request& request);

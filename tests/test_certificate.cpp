@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <cstdlib>
 
+#include "embree_core/warp.h"
 #include "tests/catch.h"
 #include "tests/minimal_support.h"
 
@@ -204,7 +205,14 @@ TEST_CASE("seen pixels of V show what V would see", "[warp]") {
             std::vector<ColorImage> images;
             for (int i = 0; i < int(s.rig.size()); ++i)
                 if (whole_rig || i == s.own) images.push_back(render(s.world, s.recorded(i)).color);
-            const ColorImage got = warp(c.rig, h, images);
+            std::vector<Sampler> samplers;
+            for (size_t i = 0; i < images.size(); ++i) {
+                const LiftedView& view = c.rig.views[i];
+                samplers.emplace_back(SurfaceField{view.mesh.inverse_depth, view.mesh.tears}, images[i],
+                                      projective_map(view.mesh.intrinsics, view.world_from_cam, c.v.intrinsics,
+                                                     c.v.world_from_cam));
+            }
+            const ColorImage got = warp(h, samplers, EdgeBand::keep).color;
             const Picture truth = render(s.world, c.v);
             const Grid<uint8_t> klass = truth_shifted(s.world, s.views(), s.own, c.v);
             size_t seen = 0, far_off = 0, depth_off = 0, wrong_seen = 0;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// vshift mask | holes | warp: one view, or every frame, camera and shift of a set.
+// vshift mask | holes | warp | seam | condition: one view, or every frame, camera and shift of a set.
+#include <algorithm>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
@@ -46,8 +47,9 @@ ordered_json row_of(const Request& request, const std::string& shift, const Answ
         const std::string& name = a.image.names[c];
         if (name == "R" || name == "G" || name == "B" || name == "Z") continue;
         uint64_t set = 0;
-        for (float v : a.image.planes[c]) set += v > 0.5f;
-        row[name + "_px"] = set;
+        // Of `source`: pixels that nobody saw.
+        for (float v : a.image.planes[c]) set += name == "source" ? v < 0 : v > 0.5f;
+        row[name == "source" ? "hole_px" : name + "_px"] = set;
     }
     return row;
 }
@@ -210,7 +212,9 @@ void add_answer_verbs(CLI::App& app) {
     const std::pair<const char*, const char*> verbs[] = {
         {"mask", "Recorded view: lost, occluded, outside, unknown, unseen"},
         {"holes", "Shifted view: hole, disoccluded, outside"},
-        {"warp", "Shifted view: colours and depth of what the recording saw"}};
+        {"warp", "Shifted view: colours and depth of what the recording saw"},
+        {"seam", "Shifted or recorded view: what the own camera lacks, from the neighbours that saw it"},
+        {"condition", "The network's input: colours and the shares of own, neighbour and hole"}};
     for (const auto& [name, description] : verbs) {
         CLI::App* sub = app.add_subcommand(name, description);
         auto options = std::make_shared<Options>();
@@ -227,8 +231,38 @@ void add_answer_verbs(CLI::App& app) {
         request_key("--view", "view", "recorded or shifted");
         request_key("--tolerance_px,--tolerance-px", "tolerance_px",
                     "how far surfaces may move for fewer triangles, 0 to 4 px");
-        request_key("--method", "method", "auto, sweep (masks from the own depth map) or embree");
+        request_key("--method", "method", "auto, sweep (masks from the own depth map), raster (views) or embree");
         request_key("--clear_m,--clear-m", "clear_m", "radius round the shifted camera that is taken as free");
+        const std::string word = name;
+        const bool seam = word == "seam" || word == "condition";
+        if (seam || word == "warp")
+            request_key("--edge", "edge", "drop or keep: the far side's last half pixel at an edge, which mixes both");
+        if (word == "condition") {
+            request_key("--arm", "arm", "virtual_shift, or an ablation: double_warp, literal (recorded), splat (shifted)");
+            request_key("--stride", "stride", "means over blocks of so many pixels, 1 to 256");
+        }
+        if (seam) {
+            request_key("--match", "match", "none, exposure (a gain per neighbour) or color (a gain per channel)");
+            request_key("--depth_tolerance,--depth-tolerance", "depth_tolerance",
+                        "share by which two depths of one surface may differ, 0 to 1");
+            const std::pair<const char*, const char*> noises[] = {
+                {"exposure", "stops on a neighbour's colours"},
+                {"white_balance", "stops of red against blue"},
+                {"pose_m", "metres that a neighbour stands wrong"},
+                {"pose_deg", "degrees that it is turned wrong"},
+                {"time_s", "seconds that it fired wrong"},
+                {"depth_scale", "log factor on its depth"},
+                {"depth_bias_m", "metres on its depth"},
+                {"depth_blur_px", "sigma of a blur of its 1/z"},
+                {"depth_field", "rms of a smooth random log factor on its depth"},
+                {"seed", "which signs and directions are drawn"}};
+            for (const auto& [size, help] : noises) {
+                const std::string key = std::string("noise_") + size;
+                std::string dashed = key;
+                std::replace(dashed.begin(), dashed.end(), '_', '-');
+                request_key(("--" + key + ",--" + dashed).c_str(), key, help);
+            }
+        }
         sub->add_option("-o,--output", options->output, "one image: .exr, .png, .pfm or .npy");
         sub->add_option("--out-dir", options->out_dir, "many images: DIR/SHIFT/FFFF/CAMERA.exr");
         sub->add_option("--channels", options->channels, "only these channels")->delimiter(',');

@@ -1,0 +1,531 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "embree_core/reproject.h"
+#include "embree_core/surface_field.h"
+
+// Signs of edge functions must be exact opposites for the two triangles at an edge: built without fused operations.
+
+namespace vshift {
+namespace {
+
+// Cells are taken in tiles, pixels of V in bands of rows. A band belongs to one task, and tiles come in order: the
+// result does not depend on who did what.
+constexpr int tile_columns = 64, tile_rows = 16, band_rows = 32, block = 16;
+// Z' = Z / z below this is behind V or too near to its plane.
+constexpr float nearest_share = 1e-5f;
+// A wall stands before a surface when it is nearer by more than rounding; walls that meet leave no gap.
+constexpr float wall_margin = 1 + 1e-5f, wall_reach_px = 1.0f / 512;
+
+struct Corner {
+    float x, y;  ///< pixel of V, centres at whole numbers
+    float q;     ///< 1/Z
+    float r;     ///< 1/Z'; negative: behind V
+    float u, v;  ///< pixel of R, centres at whole numbers
+};
+
+struct Range {
+    int x0 = 0, x1 = 0, y0 = 0, y1 = 0;  ///< half open
+    bool empty() const { return x0 >= x1 || y0 >= y1; }
+};
+
+/// The pixel map with centres at whole numbers on both sides, as floats.
+struct FloatMap {
+    float x[4], y[4], z[4];  ///< u, v, 1, w
+
+    explicit FloatMap(const ProjectiveMap& m) {
+        const auto row = [&](int i, double centre, float* out) {
+            const auto value = [&](const glm::dvec3& column) { return column[i] - centre * column[2]; };
+            out[0] = float(value(m.turn[0]));
+            out[1] = float(value(m.turn[1]));
+            out[2] = float(value(m.turn[2]) + 0.5 * (value(m.turn[0]) + value(m.turn[1])));
+            out[3] = float(value(m.move));
+        };
+        row(0, 0.5, x);
+        row(1, 0.5, y);
+        row(2, 0, z);
+    }
+    glm::vec3 at(float u, float v, float w) const {
+        const auto dot = [&](const float* row) { return row[0] * u + (row[1] * v + (row[2] + row[3] * w)); };
+        return {dot(x), dot(y), dot(z)};
+    }
+    Corner corner(float u, float v, float w) const {
+        const glm::vec3 h = at(u, v, w);
+        const float r = h.z > nearest_share ? 1 / h.z : -1.0f;
+        return {h.x * r, h.y * r, w * r, r, u, v};
+    }
+};
+
+/// Whether a pixel exactly on the edge a -> b belongs to the triangle on its inner side.
+bool owns_edge(float dx, float dy) {
+    return dy < 0 || (dy == 0 && dx > 0);
+}
+
+struct Blocks {
+    int columns = 0, rows = 0;
+    std::vector<uint32_t> sums;  ///< integral image, one row and column more
+
+    explicit Blocks(const Mask& where)
+        : columns((where.width + block - 1) / block), rows((where.height + block - 1) / block) {
+        std::vector<uint32_t> counts(size_t(columns) * size_t(rows));
+        tbb::parallel_for(0, rows, [&](int by) {
+            for (int y = by * block; y < std::min((by + 1) * block, where.height); ++y)
+                for (int x = 0; x < where.width; ++x)
+                    counts[size_t(by) * size_t(columns) + size_t(x / block)] += where.at(x, y);
+        });
+        sums.assign(size_t(columns + 1) * size_t(rows + 1), 0);
+        for (int y = 0; y < rows; ++y)
+            for (int x = 0; x < columns; ++x)
+                sum(x + 1, y + 1) =
+                    counts[size_t(y) * size_t(columns) + size_t(x)] + sum(x, y + 1) + sum(x + 1, y) - sum(x, y);
+    }
+    uint32_t& sum(int x, int y) { return sums[size_t(y) * size_t(columns + 1) + size_t(x)]; }
+    bool any(const Range& r) const {
+        const auto at = [&](int x, int y) { return sums[size_t(y) * size_t(columns + 1) + size_t(x)]; };
+        const int x0 = r.x0 / block, x1 = (r.x1 + block - 1) / block, y0 = r.y0 / block,
+                  y1 = (r.y1 + block - 1) / block;
+        return at(x1, y1) + at(x0, y0) != at(x0, y1) + at(x1, y0);
+    }
+};
+
+struct Tile {
+    int x = 0, y = 0;
+    Range reach;  ///< pixels of V that it can touch
+};
+
+/// One band of V's rows.
+class Band {
+public:
+    Band(const SurfaceView& view, const FloatMap& map, const Mask* where, Reprojection& out, int y0, int y1)
+        : field_{view.inverse_depth, view.tears},
+          view_(view),
+          map_(map),
+          where_(where),
+          out_(out),
+          width_(out.sight.width),
+          y0_(y0),
+          y1_(y1) {
+        const size_t begin = size_t(y0) * size_t(width_), end = size_t(y1) * size_t(width_);
+        std::fill(out.sight.data.begin() + long(begin), out.sight.data.begin() + long(end), Sight::none);
+        std::fill(out.inverse_depth.data.begin() + long(begin), out.inverse_depth.data.begin() + long(end), 0.0f);
+        std::fill(out.wall.begin() + long(begin), out.wall.begin() + long(end), 0.0f);
+    }
+
+    void draw(const Tile& tile) {
+        const int last_x = std::min(tile.x + tile_columns, field_.w.width),
+                  last_y = std::min(tile.y + tile_rows, field_.w.height);
+        const int vx0 = std::max(tile.x, 0), vx1 = std::min(last_x, field_.w.width - 1);
+        Row above, below;
+        bool have = false;
+        for (int y = tile.y; y < last_y; ++y) {
+            const bool inner = y >= 0 && y + 1 < field_.w.height;
+            if (!inner) {
+                for (int x = tile.x; x < last_x; ++x) draw_split(x, y);
+                have = false;
+                continue;
+            }
+            if (!have) transform(vx0, vx1, y, above);
+            transform(vx0, vx1, y + 1, below);
+            have = true;
+            for (int x = tile.x; x < last_x; ++x) {
+                if (x >= 0 && x + 1 < field_.w.width && field_.whole(x, y))
+                    draw_whole(x, y, above, below, x - vx0);
+                else
+                    draw_split(x, y);
+            }
+            std::swap(above, below);
+        }
+    }
+
+    /// Sky where nothing stands, and what walls hide.
+    void finish(const ProjectiveMap& sky_map, const Intrinsics& recorded) {
+        for (int y = y0_; y < y1_; ++y)
+            for (int x = 0; x < width_; ++x) {
+                const size_t at = size_t(y) * size_t(width_) + size_t(x);
+                if (where_ && !where_->data[at]) continue;
+                const float q = out_.inverse_depth.data[at];
+                if (out_.wall[at] > q * wall_margin) {
+                    out_.sight.data[at] = Sight::behind_wall;
+                    if (q > 0) continue;
+                } else if (q > 0) {
+                    continue;
+                }
+                const glm::dvec3 h = sky_map.at(x + 0.5, y + 0.5, 0);
+                if (!(h.z > 1e-9)) continue;
+                const glm::dvec2 u(h.x / h.z, h.y / h.z);
+                if (!in_image(recorded, u) || field_.w.at(int(u.x), int(u.y)) != 0) continue;
+                out_.source_px.data[at] = glm::vec2(u);
+                if (out_.sight.data[at] == Sight::none) out_.sight.data[at] = Sight::sky;
+            }
+    }
+
+private:
+    struct Row {
+        float x[tile_columns + 1], y[tile_columns + 1], q[tile_columns + 1], r[tile_columns + 1];
+    };
+
+    SurfaceField field_;
+    const SurfaceView& view_;
+    const FloatMap& map_;
+    const Mask* where_;
+    Reprojection& out_;
+    int width_, y0_, y1_;
+
+    void transform(int x0, int x1, int y, Row& row) const {
+        const float* w = &field_.w.data[size_t(y) * size_t(field_.w.width) + size_t(x0)];
+        const float v = float(y), first = float(x0);
+        const float bx = map_.x[1] * v + map_.x[2], by = map_.y[1] * v + map_.y[2], bz = map_.z[1] * v + map_.z[2];
+        for (int i = 0; i <= x1 - x0; ++i) {
+            const float u = first + float(i);
+            const float hz = map_.z[0] * u + (bz + map_.z[3] * w[i]);
+            const float r = hz > nearest_share ? 1 / hz : -1.0f;
+            row.x[i] = (map_.x[0] * u + (bx + map_.x[3] * w[i])) * r;
+            row.y[i] = (map_.y[0] * u + (by + map_.y[3] * w[i])) * r;
+            row.q[i] = w[i] * r;
+            row.r[i] = r;
+        }
+    }
+
+    /// Pixels whose centres may lie inside; at the far sides the edge rule gives them to the next triangle.
+    Range candidates(float x0, float x1, float y0, float y1) const {
+        return {int(std::ceil(std::max(x0, 0.0f))), int(std::ceil(std::min(x1, float(width_)))),
+                int(std::ceil(std::max(y0, float(y0_)))), int(std::ceil(std::min(y1, float(y1_))))};
+    }
+
+    void put(int x, int y, float q, float u, float v, Sight sight) {
+        const size_t at = size_t(y) * size_t(width_) + size_t(x);
+        out_.inverse_depth.data[at] = q;
+        out_.source_px.data[at] = {u + 0.5f, v + 0.5f};
+        out_.sight.data[at] = sight;
+    }
+    bool wanted(int x, int y) const { return !where_ || where_->at(x, y); }
+
+    void draw_whole(int cx, int cy, const Row& a, const Row& b, int i) {
+        const float X[4] = {a.x[i], a.x[i + 1], b.x[i + 1], b.x[i]}, Y[4] = {a.y[i], a.y[i + 1], b.y[i + 1], b.y[i]};
+        const Range box = candidates(std::min(std::min(X[0], X[1]), std::min(X[2], X[3])),
+                                     std::max(std::max(X[0], X[1]), std::max(X[2], X[3])),
+                                     std::min(std::min(Y[0], Y[1]), std::min(Y[2], Y[3])),
+                                     std::max(std::max(Y[0], Y[1]), std::max(Y[2], Y[3])));
+        if (box.empty()) return;
+        const float R[4] = {a.r[i], a.r[i + 1], b.r[i + 1], b.r[i]}, Q[4] = {a.q[i], a.q[i + 1], b.q[i + 1], b.q[i]};
+        if (!(std::min(std::min(R[0], R[1]), std::min(R[2], R[3])) > 0)) return;
+        const auto area = [&](int p, int q, int s) {
+            return (X[q] - X[p]) * (Y[s] - Y[p]) - (Y[q] - Y[p]) * (X[s] - X[p]);
+        };
+        const float u0 = float(cx), v0 = float(cy);
+        if (!(area(0, 1, 3) > 0 && area(2, 3, 1) > 0)) {
+            const auto corner = [&](int c) {
+                return Corner{X[c], Y[c], Q[c], R[c], u0 + float(corner_dx[c]), v0 + float(corner_dy[c])};
+            };
+            const Corner c[4] = {corner(0), corner(1), corner(2), corner(3)};
+            triangle(c[0], c[1], c[3]);
+            triangle(c[2], c[3], c[1]);
+            return;
+        }
+        for (int y = box.y0; y < box.y1; ++y)
+            for (int x = box.x0; x < box.x1; ++x) {
+                if (!wanted(x, y)) continue;
+                float dx[4], dy[4];
+                for (int c = 0; c < 4; ++c) dx[c] = X[c] - float(x), dy[c] = Y[c] - float(y);
+                const auto edge = [&](int p, int q) { return dx[p] * dy[q] - dy[p] * dx[q]; };
+                const auto inside = [&](float e, int p, int q) {
+                    return e > 0 || (e == 0 && owns_edge(X[q] - X[p], Y[q] - Y[p]));
+                };
+                const float diagonal = edge(1, 3);
+                const bool upper = inside(diagonal, 1, 3);
+                // Triangle (o, p, s): the corner at the right angle, the one beside it along u, the one along v.
+                const int o = upper ? 0 : 2, p = upper ? 1 : 3, s = upper ? 3 : 1;
+                const float to_s = edge(o, p), to_p = edge(s, o);
+                if (!inside(to_s, o, p) || !inside(to_p, s, o)) continue;
+                const float to_o = std::fabs(diagonal);
+                const float sum = to_o + to_p + to_s;
+                if (!(sum > 0)) continue;
+                const float q = (to_o * Q[o] + to_p * Q[p] + to_s * Q[s]) / sum;
+                if (!(q > out_.inverse_depth.at(x, y))) continue;
+                const float ro = to_o * R[o], rp = to_p * R[p], rs = to_s * R[s];
+                const float share = 1 / (ro + rp + rs);
+                const float fu = rp * share, fv = rs * share;
+                put(x, y, q, upper ? u0 + fu : u0 + 1 - fu, upper ? v0 + fv : v0 + 1 - fv, Sight::seen);
+            }
+    }
+
+    void triangle(Corner a, Corner b, Corner c) {
+        if (!(a.r > 0 && b.r > 0 && c.r > 0)) return;
+        float area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
+        if (area == 0 || !std::isfinite(area)) return;
+        const Sight sight = area > 0 ? Sight::seen : Sight::back_face;
+        if (area < 0) std::swap(b, c);
+        const Range box = candidates(std::min(a.x, std::min(b.x, c.x)), std::max(a.x, std::max(b.x, c.x)),
+                                     std::min(a.y, std::min(b.y, c.y)), std::max(a.y, std::max(b.y, c.y)));
+        for (int y = box.y0; y < box.y1; ++y)
+            for (int x = box.x0; x < box.x1; ++x) {
+                if (!wanted(x, y)) continue;
+                const float px = float(x), py = float(y);
+                const auto edge = [&](const Corner& p, const Corner& q) {
+                    return (p.x - px) * (q.y - py) - (p.y - py) * (q.x - px);
+                };
+                const auto inside = [&](float e, const Corner& p, const Corner& q) {
+                    return e > 0 || (e == 0 && owns_edge(q.x - p.x, q.y - p.y));
+                };
+                const float ea = edge(b, c), eb = edge(c, a), ec = edge(a, b);
+                if (!inside(ea, b, c) || !inside(eb, c, a) || !inside(ec, a, b)) continue;
+                const float sum = ea + eb + ec;
+                if (!(sum > 0)) continue;
+                const float q = (ea * a.q + eb * b.q + ec * c.q) / sum;
+                if (!(q > out_.inverse_depth.at(x, y))) continue;
+                const float ra = ea * a.r, rb = eb * b.r, rc = ec * c.r, share = 1 / (ra + rb + rc);
+                put(x, y, q, (ra * a.u + rb * b.u + rc * c.u) * share, (ra * a.v + rb * b.v + rc * c.v) * share, sight);
+            }
+    }
+
+    void draw_split(int cx, int cy) {
+        const SplitCell cell = split_cell(field_, cx, cy);
+        const float mu = float(cx) + 0.5f, mv = float(cy) + 0.5f;
+        for (int c = 0; c < 4; ++c) {
+            if (cell.part[c] < 0) continue;
+            const int x = cx + corner_dx[c], y = cy + corner_dy[c];
+            const bool next_is_x = c == 0 || c == 2;
+            const float along_x = next_is_x ? cell.towards_next[c] : cell.towards_last[c];
+            const float along_y = next_is_x ? cell.towards_last[c] : cell.towards_next[c];
+            const Corner own = map_.corner(float(x), float(y), field_.w.at(x, y));
+            const Corner centre = map_.corner(mu, mv, cell.centre[cell.part[c]]);
+            const Corner beside = map_.corner(mu, float(y), along_x), under = map_.corner(float(x), mv, along_y);
+            // Same turn as the recorded image: corners 0 and 2 go x first, 1 and 3 y first.
+            const Corner &first = next_is_x ? beside : under, &last = next_is_x ? under : beside;
+            triangle(own, first, last);
+            triangle(centre, last, first);
+        }
+        for (int c = 0; c < 4; ++c) {
+            const int n = (c + 1) % 4;
+            if (cell.state[c] == Pixel::missing || cell.state[n] == Pixel::missing || cell.joined_next[c]) continue;
+            const auto heights = [&](int corner, bool to_next) -> std::array<float, 2> {
+                switch (cell.state[corner]) {
+                    case Pixel::solid:
+                        return {to_next ? cell.towards_next[corner] : cell.towards_last[corner],
+                                cell.centre[cell.part[corner]]};
+                    case Pixel::sky:
+                        return {0, 0};
+                    default:
+                        return {view_.wall_top, view_.wall_top};
+                }
+            };
+            const auto from = heights(c, true), to = heights(n, false);
+            if (from == to) continue;
+            const float u = float(cx) + 0.5f * float(corner_dx[c] + corner_dx[n]);
+            const float v = float(cy) + 0.5f * float(corner_dy[c] + corner_dy[n]);
+            wall(u, v, mu, mv, from, to);
+        }
+    }
+
+    struct WallPoint {
+        glm::vec3 h;
+        float w;
+    };
+    void wall(float u0, float v0, float u1, float v1, std::array<float, 2> from, std::array<float, 2> to) {
+        WallPoint points[8] = {{map_.at(u0, v0, from[0]), from[0]},
+                               {map_.at(u1, v1, from[1]), from[1]},
+                               {map_.at(u1, v1, to[1]), to[1]},
+                               {map_.at(u0, v0, to[0]), to[0]}};
+        int count = 4;
+        bool behind = false;
+        for (int i = 0; i < 4; ++i) behind |= !(points[i].h.z > nearest_share);
+        if (behind) {
+            WallPoint kept[8];
+            int n = 0;
+            for (int i = 0; i < 4; ++i) {
+                const WallPoint &a = points[i], &b = points[(i + 1) % 4];
+                const float da = a.h.z - nearest_share, db = b.h.z - nearest_share;
+                if (da > 0) kept[n++] = a;
+                if ((da > 0) != (db > 0)) {
+                    const float t = da / (da - db);
+                    kept[n] = {a.h + t * (b.h - a.h), a.w + t * (b.w - a.w)};
+                    kept[n].h.z = std::max(kept[n].h.z, 0.5f * nearest_share);
+                    ++n;
+                }
+            }
+            if (n < 3) return;
+            std::copy(kept, kept + n, points);
+            count = n;
+        }
+        float x[8], y[8], q[8];
+        float top = std::numeric_limits<float>::infinity(), bottom = -top;
+        for (int i = 0; i < count; ++i) {
+            const float r = 1 / points[i].h.z;
+            x[i] = points[i].h.x * r, y[i] = points[i].h.y * r, q[i] = points[i].w * r;
+            top = std::min(top, y[i]), bottom = std::max(bottom, y[i]);
+        }
+        const int first = int(std::ceil(std::max(top - wall_reach_px, float(y0_))));
+        const int last = int(std::floor(std::min(bottom + wall_reach_px, float(y1_ - 1))));
+        for (int row = first; row <= last; ++row) {
+            const float level = std::clamp(float(row), top, bottom);
+            float left = std::numeric_limits<float>::infinity(), right = -left, q_left = 0, q_right = 0;
+            const auto take = [&](float at, float value) {
+                if (at < left) left = at, q_left = value;
+                if (at > right) right = at, q_right = value;
+            };
+            for (int i = 0; i < count; ++i) {
+                const int n = i + 1 == count ? 0 : i + 1;
+                if ((y[i] < level && y[n] < level) || (y[i] > level && y[n] > level)) continue;
+                if (y[i] == y[n]) {
+                    take(x[i], q[i]);
+                    take(x[n], q[n]);
+                } else {
+                    const float t = (level - y[i]) / (y[n] - y[i]);
+                    take(x[i] + t * (x[n] - x[i]), q[i] + t * (q[n] - q[i]));
+                }
+            }
+            if (!(left <= right)) continue;
+            const int x0 = int(std::ceil(std::max(left - wall_reach_px, 0.0f)));
+            const int x1 = int(std::floor(std::min(right + wall_reach_px, float(width_ - 1))));
+            const float slope = right > left ? (q_right - q_left) / (right - left) : 0;
+            float* to_wall = &out_.wall[size_t(row) * size_t(width_)];
+            for (int px = x0; px <= x1; ++px) {
+                const float at = std::clamp(float(px), left, right);
+                to_wall[px] = std::max(to_wall[px], q_left + slope * (at - left));
+            }
+        }
+    }
+};
+
+/// What a tile can reach: the map is fractional linear, so its bounds over a box of (u, v, w) are at the corners.
+Range reach_of(const SurfaceView& view, const FloatMap& map, int tile_x, int tile_y, int width, int height) {
+    const Grid<float>& w = view.inverse_depth;
+    float low = std::numeric_limits<float>::infinity(), high = 0;
+    bool invalid = false;
+    const int x0 = std::max(tile_x, 0), x1 = std::min(tile_x + tile_columns, w.width - 1);
+    const int y0 = std::max(tile_y, 0), y1 = std::min(tile_y + tile_rows, w.height - 1);
+    for (int y = y0; y <= y1; ++y) {
+        const float* row = &w.data[size_t(y) * size_t(w.width)];
+        float row_low = low, row_high = high;
+        int unknown = 0;
+        for (int x = x0; x <= x1; ++x) {
+            row_low = row[x] < row_low ? row[x] : row_low;
+            row_high = row[x] > row_high ? row[x] : row_high;
+            unknown |= row[x] != row[x];
+        }
+        low = row_low, high = row_high, invalid |= unknown != 0;
+    }
+    if (!(low <= high)) return {};
+    if (low == high && low == 0 && !invalid) return {};  // sky only
+    low *= 0.5f, high *= 2;                              // half a pixel beyond a tear (SurfaceField::half_edge)
+    if (invalid) high = view.wall_top;
+    float left = std::numeric_limits<float>::infinity(), right = -left, top = left, bottom = -left;
+    int behind = 0;
+    for (int i = 0; i < 8; ++i) {
+        const float u = i & 1 ? float(std::min(tile_x + tile_columns, w.width)) : float(tile_x);
+        const float v = i & 2 ? float(std::min(tile_y + tile_rows, w.height)) : float(tile_y);
+        const glm::vec3 h = map.at(u, v, i & 4 ? high : low);
+        if (!(h.z > nearest_share)) {
+            ++behind;
+            continue;
+        }
+        left = std::min(left, h.x / h.z), right = std::max(right, h.x / h.z);
+        top = std::min(top, h.y / h.z), bottom = std::max(bottom, h.y / h.z);
+    }
+    if (behind == 8) return {};
+    if (behind) return {0, width, 0, height};
+    const auto whole = [](float value, int limit) { return int(std::clamp(value, 0.0f, float(limit))); };
+    return {whole(std::floor(left - 0.5f), width), whole(std::ceil(right + 1.5f), width),
+            whole(std::floor(top - 0.5f), height), whole(std::ceil(bottom + 1.5f), height)};
+}
+
+}  // namespace
+
+ProjectiveMap projective_map(const Intrinsics& from, const Pose& world_from_from, const Intrinsics& to,
+                             const Pose& world_from_to) {
+    const Pose to_from_from = compose(inverse(world_from_to), world_from_from);
+    const glm::dmat3 pixel(glm::dvec3(to.fx, 0, 0), glm::dvec3(0, to.fy, 0), glm::dvec3(to.cx, to.cy, 1));
+    const glm::dmat3 ray(glm::dvec3(1 / from.fx, 0, 0), glm::dvec3(0, 1 / from.fy, 0),
+                         glm::dvec3(-from.cx / from.fx, -from.cy / from.fy, 1));
+    return {pixel * to_from_from.rotation * ray, pixel * to_from_from.translation_m};
+}
+
+SurfaceView surface_view(const Intrinsics& intrinsics, const Pose& world_from_cam, const DepthMap& depth,
+                         const glm::dvec3& shifted_centre_m) {
+    if (depth.width != intrinsics.width || depth.height != intrinsics.height || depth.width < 1 || depth.height < 1)
+        throw Error(ExitCode::bad_input,
+                    "depth: size: got " + std::to_string(depth.width) + "x" + std::to_string(depth.height) +
+                        ", expected " + std::to_string(intrinsics.width) + "x" + std::to_string(intrinsics.height));
+    SurfaceView view{intrinsics, world_from_cam, Grid<float>(depth.width, depth.height), {}, 0, 0, 0};
+    struct Row {
+        uint32_t invalid = 0, sky = 0;
+        float nearest_m = 1e12f;
+    };
+    std::vector<Row> rows(static_cast<size_t>(depth.height));
+    tbb::parallel_for(0, depth.height, [&](int y) {
+        const float* z = &depth.data[size_t(y) * size_t(depth.width)];
+        float* w = &view.inverse_depth.data[size_t(y) * size_t(depth.width)];
+        Row row;
+        for (int x = 0; x < depth.width; ++x) {
+            const bool sky = is_sky(z[x]), valid = is_measured(z[x]);
+            row.sky += sky;
+            row.invalid += !sky & !valid;
+            row.nearest_m = valid && z[x] < row.nearest_m ? z[x] : row.nearest_m;
+            w[x] = sky ? 0.0f : valid ? 1.0f / z[x] : std::numeric_limits<float>::quiet_NaN();
+        }
+        rows[size_t(y)] = row;
+    });
+    float nearest_m = 1e12f;
+    for (const Row& row : rows) {
+        view.invalid_px += row.invalid;
+        view.sky_px += row.sky;
+        nearest_m = std::min(nearest_m, row.nearest_m);
+    }
+    view.wall_top = wall_top_of_nearest / nearest_m;
+    LiftOptions options;
+    options.baseline_m = glm::length(shifted_centre_m - world_from_cam.translation_m);
+    find_tears(intrinsics, view.inverse_depth, options, view.tears);
+    return view;
+}
+
+bool reproject(const SurfaceView& view, const ShiftedCamera& shifted, const Mask* where, Reprojection& out) {
+    const Intrinsics& target = shifted.intrinsics;
+    const int width = target.width, height = target.height;
+    const ProjectiveMap exact =
+        projective_map(view.intrinsics, view.world_from_cam, target, shifted.world_from_cam);
+    const ProjectiveMap back = projective_map(target, shifted.world_from_cam, view.intrinsics, view.world_from_cam);
+    const FloatMap map(exact);
+    const int columns = (view.intrinsics.width + tile_columns) / tile_columns,
+              rows = (view.intrinsics.height + tile_rows) / tile_rows;
+    std::vector<Tile> tiles(size_t(columns) * size_t(rows));
+    tbb::parallel_for(0, rows, [&](int ty) {
+        for (int tx = 0; tx < columns; ++tx) {
+            Tile& tile = tiles[size_t(ty) * size_t(columns) + size_t(tx)];
+            tile.x = tx * tile_columns - 1, tile.y = ty * tile_rows - 1;
+            tile.reach = reach_of(view, map, tile.x, tile.y, width, height);
+        }
+    });
+    const Blocks blocks(where ? *where : Mask(1, 1, 1));
+    std::erase_if(tiles, [&](const Tile& t) { return t.reach.empty() || (where && !blocks.any(t.reach)); });
+    if (tiles.empty() && view.sky_px == 0) return false;
+    if (where) {  // sky alone: only where the recorded frustum and V's meet
+        bool meets = !tiles.empty();
+        for (int y = 0; y < height && !meets; y += 4)
+            for (int x = 0; x < width && !meets; x += 4) {
+                const glm::dvec3 h = back.at(x + 0.5, y + 0.5, 0);
+                meets = h.z > 0 && in_image(view.intrinsics, {h.x / h.z, h.y / h.z});
+            }
+        if (!meets) return false;
+    }
+    if (out.sight.width != width || out.sight.height != height) {
+        out.sight = Grid<Sight>(width, height, Sight::none);
+        out.inverse_depth = Grid<float>(width, height, 0);
+        out.source_px = Grid<glm::vec2>(width, height, glm::vec2(0));
+        out.wall.resize(out.sight.size());
+    }
+    const int bands = (height + band_rows - 1) / band_rows;
+    tbb::parallel_for(0, bands, [&](int b) {
+        const int y0 = b * band_rows, y1 = std::min(y0 + band_rows, height);
+        Band band(view, map, where, out, y0, y1);
+        for (const Tile& tile : tiles)
+            if (tile.reach.y0 < y1 && tile.reach.y1 > y0) band.draw(tile);
+        band.finish(back, view.intrinsics);
+    });
+    return true;
+}
+
+}  // namespace vshift

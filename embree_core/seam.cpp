@@ -1,0 +1,200 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "embree_core/seam.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <list>
+
+namespace vshift {
+namespace {
+
+SurfaceField field_of(const SurfaceView& view) {
+    return {view.inverse_depth, view.tears};
+}
+
+/// A neighbour, ready for one target camera.
+struct Neighbor {
+    const SeamCamera* camera;
+    int index;
+    Sampler sampler;
+    glm::dvec3 centre_m;  ///< world
+    double axis_cosine;   ///< between its optical axis and the target's
+    Pose cam_from_world;
+    Reprojection shown;
+
+    glm::vec3 color(glm::vec2 source_px, const glm::dvec3& from, const glm::dvec3& along, double t) const {
+        if (camera->bent) source_px = bent_source_px(*camera->bent, from, along, t);
+        return camera->gain * sampler.at(source_px);
+    }
+};
+
+std::list<Neighbor> neighbors_of(const std::vector<SeamCamera>& rig, int own, const Intrinsics& target,
+                                   const Pose& world_from_target) {
+    std::list<Neighbor> out;
+    const glm::dvec3 axis = world_from_target.direction({0, 0, 1});
+    for (size_t i = 0; i < rig.size(); ++i) {
+        if (int(i) == own) continue;
+        const SurfaceView& view = *rig[i].surface;
+        const ProjectiveMap map = projective_map(view.intrinsics, view.world_from_cam, target, world_from_target);
+        out.push_back({&rig[i], int(i), Sampler(field_of(view), *rig[i].image, map), view.world_from_cam.translation_m,
+                       glm::dot(axis, view.world_from_cam.direction({0, 0, 1})), inverse(view.world_from_cam),
+                       {}});
+    }
+    // Ties in viewing direction, and the sky, go to the camera that looks most nearly the same way.
+    out.sort([](const Neighbor& a, const Neighbor& b) { return a.axis_cosine > b.axis_cosine; });
+    return out;
+}
+
+/// How nearly the neighbour looks at point p as the target does, which looks along `along`.
+double direction_cosine(const Neighbor& n, const glm::dvec3& p, const glm::dvec3& along) {
+    const glm::dvec3 d = p - n.centre_m;
+    return glm::dot(d, along) / std::sqrt(glm::dot(d, d) * glm::dot(along, along));
+}
+
+/// Where the neighbour saw the point t along a ray of the target (infinite: the sky), if it did.
+std::optional<glm::vec2> seen_at(const Neighbor& n, const glm::dvec3& from, const glm::dvec3& along, double t,
+                                 double tolerance) {
+    const bool sky = !std::isfinite(t);
+    const SurfaceView& view = *n.camera->surface;
+    const glm::dvec3 p = sky ? n.cam_from_world.direction(along) : n.cam_from_world.point(from + t * along);
+    const auto u = project(view.intrinsics, p);
+    if (!u || !in_image(view.intrinsics, *u)) return std::nullopt;
+    const double w = double(surface_inverse_depth(view.inverse_depth, view.tears, *u));
+    const bool same = sky ? w == 0 : std::fabs(w * p.z - 1) <= tolerance;
+    return same ? std::optional(glm::vec2(*u)) : std::nullopt;
+}
+
+}  // namespace
+
+ShiftedSeam seam_shifted(const std::vector<SeamCamera>& rig, int own_index, const ShiftedCamera& shifted,
+                         const SeamOptions& options) {
+    const SeamCamera& own = rig.at(size_t(own_index));
+    const Intrinsics& k = shifted.intrinsics;
+    ShiftedSeam out;
+    const auto show = [&](const SeamCamera& camera, const Mask* where, Reprojection& shown) {
+        if (!camera.lifted) return reproject(*camera.surface, shifted, where, shown);
+        cast(*camera.lifted, shifted, shown);
+        return true;
+    };
+    if (!show(own, nullptr, out.own)) {
+        out.own.sight = Grid<Sight>(k.width, k.height, Sight::none);
+        out.own.inverse_depth = Grid<float>(k.width, k.height, 0);
+        out.own.source_px = Grid<glm::vec2>(k.width, k.height, glm::vec2(0));
+    }
+    const Sampler own_sampler(field_of(*own.surface), *own.image,
+                              projective_map(own.surface->intrinsics, own.surface->world_from_cam, k,
+                                             shifted.world_from_cam));
+    Warped base = warp(out.own, own_sampler, options.edge);
+    out.seam.color = std::move(base.color);
+    out.seam.source = Grid<int16_t>(k.width, k.height, -1);
+
+    std::list<Neighbor> neighbors = neighbors_of(rig, own_index, k, shifted.world_from_cam);
+    std::erase_if(neighbors, [&](Neighbor& n) { return !show(*n.camera, &base.missing, n.shown); });
+    const glm::dvec3 centre = shifted.world_from_cam.translation_m;
+    tbb::parallel_for(0, k.height, [&](int y) {
+        for (int x = 0; x < k.width; ++x) {
+            const size_t at = size_t(y) * size_t(k.width) + size_t(x);
+            if (!base.missing.data[at]) {
+                out.seam.source.data[at] = int16_t(own_index);
+                continue;
+            }
+            float front = out.own.inverse_depth.data[at];
+            for (const Neighbor& n : neighbors) front = std::max(front, n.shown.inverse_depth.data[at]);
+            const float least = front * float(1 - options.depth_tolerance);
+            const Neighbor* best = nullptr;
+            double best_cosine = -2, best_t = 0;
+            const glm::dvec3 along = shifted.world_from_cam.direction(ray(k, {x + 0.5, y + 0.5}));
+            for (const Neighbor& n : neighbors) {
+                if (!is_seen(n.shown.sight.data[at])) continue;
+                const float q = n.shown.inverse_depth.data[at];
+                if (q < least) continue;
+                if (options.edge == EdgeBand::drop && n.sampler.is_edge(n.shown.source_px.data[at])) continue;
+                const double t = 1 / double(q);
+                const double cosine = q > 0 ? direction_cosine(n, centre + t * along, along) : 1;
+                if (cosine > best_cosine) best = &n, best_cosine = cosine, best_t = t;
+            }
+            if (!best) continue;
+            out.seam.source.data[at] = int16_t(best->index);
+            out.seam.color.data[at] = best->color(best->shown.source_px.data[at], centre, along, best_t);
+        }
+    });
+    return out;
+}
+
+Seam seam_recorded(const std::vector<SeamCamera>& rig, int own_index, const Mask& lost, const SeamOptions& options) {
+    const SeamCamera& own = rig.at(size_t(own_index));
+    const Intrinsics& k = own.surface->intrinsics;
+    const Pose& world_from_own = own.surface->world_from_cam;
+    Seam out{*own.image, Grid<int16_t>(k.width, k.height, int16_t(own_index))};
+    const std::list<Neighbor> neighbors = neighbors_of(rig, own_index, k, world_from_own);
+    const glm::dvec3 centre = world_from_own.translation_m;
+    tbb::parallel_for(0, k.height, [&](int y) {
+        for (int x = 0; x < k.width; ++x) {
+            const size_t at = size_t(y) * size_t(k.width) + size_t(x);
+            if (!lost.data[at]) continue;
+            out.color.data[at] = glm::vec3(0);
+            out.source.data[at] = -1;
+            const float w = own.surface->inverse_depth.data[at];
+            if (!(w >= 0)) continue;
+            const glm::dvec3 along = world_from_own.direction(ray(k, {x + 0.5, y + 0.5}));
+            const double t = 1 / double(w);
+            const Neighbor* best = nullptr;
+            double best_cosine = -2;
+            glm::vec2 best_px(0);
+            for (const Neighbor& n : neighbors) {
+                const double cosine = w > 0 ? direction_cosine(n, centre + t * along, along) : 1;
+                if (!(cosine > best_cosine)) continue;
+                const auto u = seen_at(n, centre, along, t, options.depth_tolerance);
+                if (!u || (options.edge == EdgeBand::drop && n.sampler.is_edge(*u))) continue;
+                best = &n, best_cosine = cosine, best_px = *u;
+            }
+            if (!best) continue;
+            out.source.data[at] = int16_t(best->index);
+            out.color.data[at] = best->color(best_px, centre, along, t);
+        }
+    });
+    return out;
+}
+
+glm::vec3 fitted_gain(const SeamCamera& own, const SeamCamera& neighbor, double depth_tolerance, bool per_channel) {
+    constexpr int step = 4;
+    constexpr size_t fewest = 64;
+    constexpr float darkest = 0.004f, brightest = 0.98f;  // of linear light: noise below, clipped above
+    const Intrinsics& k = own.surface->intrinsics;
+    const Pose& world_from_own = own.surface->world_from_cam;
+    const std::vector<SeamCamera> pair{own, neighbor};
+    const std::list<Neighbor> found = neighbors_of(pair, 0, k, world_from_own);
+    const Neighbor& n = found.front();
+    std::vector<std::vector<glm::vec3>> rows(size_t((k.height + step - 1) / step));
+    tbb::parallel_for(size_t(0), rows.size(), [&](size_t r) {
+        const int y = int(r) * step;
+        for (int x = 0; x < k.width; x += step) {
+            const float w = own.surface->inverse_depth.at(x, y);
+            if (!(w >= 0)) continue;
+            const glm::dvec3 along = world_from_own.direction(ray(k, {x + 0.5, y + 0.5}));
+            const auto u = seen_at(n, world_from_own.translation_m, along, 1 / double(w), depth_tolerance);
+            if (!u) continue;
+            const glm::vec3 a = own.image->at(x, y), b = neighbor.gain * n.sampler.at(*u);
+            const auto good = [&](const glm::vec3& c) {
+                return std::min({c.x, c.y, c.z}) > darkest && std::max({c.x, c.y, c.z}) < brightest;
+            };
+            if (good(a) && good(b)) rows[r].push_back(glm::log2(a) - glm::log2(b));
+        }
+    });
+    std::vector<glm::vec3> all;
+    for (const auto& row : rows) all.insert(all.end(), row.begin(), row.end());
+    if (all.size() < fewest) return glm::vec3(1);
+    const auto median = [&](const auto& value) {
+        std::vector<float> v;
+        for (const glm::vec3& a : all) v.push_back(value(a));
+        std::nth_element(v.begin(), v.begin() + long(v.size() / 2), v.end());
+        return std::exp2(v[v.size() / 2]);
+    };
+    if (!per_channel) return glm::vec3(median([](const glm::vec3& a) { return (a.x + a.y + a.z) / 3; }));
+    return {median([](const glm::vec3& a) { return a.x; }), median([](const glm::vec3& a) { return a.y; }),
+            median([](const glm::vec3& a) { return a.z; })};
+}
+
+}  // namespace vshift
