@@ -18,6 +18,7 @@ constexpr int step[directions][2] = {{1, 0},  {0, 1},  {-1, 0}, {0, -1}, {1, 1},
                                      {2, 1},  {1, 2},  {-1, 2}, {-2, 1}, {-2, -1}, {-1, -2}, {1, -2},  {2, -1}};
 constexpr int open_directions = 5;         // from so many on that leave the image, the hole is out of frame
 constexpr float far_inverse_m = 0.005f;    // beyond 200 m all is equally far
+constexpr int smoothing_passes = 2;
 constexpr float nearest_counted = 0.5f;    // as a share of the background's distance
 
 void require_size(const char* field, int width, int height, const ColorImage& color) {
@@ -120,9 +121,9 @@ ColorImage fill_background(const HoledView& view) {
     std::array<std::vector<int32_t>, directions> first;
     tbb::parallel_for(0, directions, [&](int k) { first[size_t(k)] = first_known(holes, step[k][0], step[k][1]); });
 
-    const int width = view.color.width;
+    const int width = view.color.width, height = view.color.height;
     const glm::vec3 mean = mean_known(view);
-    ColorImage out = view.color;
+    std::vector<glm::vec3> roots(holes.pixel.size());
     const auto pixel = [&](size_t n) {
         const int at = holes.pixel[n], x = at % width, y = at / width;
         std::array<float, directions> inverse;
@@ -151,13 +152,33 @@ ColorImage fill_background(const HoledView& view) {
             sum += weight * root(view.color.data[size_t(q)]);
             weights += weight;
         }
-        const glm::vec3 mixed = weights > 0 ? sum / weights : mean;
-        out.data[size_t(at)] = mixed * mixed;
+        roots[n] = weights > 0 ? sum / weights : mean;
     };
-    tbb::parallel_for(size_t(0), (holes.pixel.size() + 4095) / 4096, [&](size_t part) {
-        const size_t end = std::min(holes.pixel.size(), (part + 1) * 4096);
-        for (size_t n = part * 4096; n < end; ++n) pixel(n);
-    });
+    const auto every_hole = [&](auto&& work) {
+        tbb::parallel_for(size_t(0), (holes.pixel.size() + 4095) / 4096, [&](size_t part) {
+            const size_t end = std::min(holes.pixel.size(), (part + 1) * 4096);
+            for (size_t n = part * 4096; n < end; ++n) work(n);
+        });
+    };
+    every_hole(pixel);
+    // Rays from neighbouring pixels pass an edge on either side: without this they leave streaks.
+    for (int pass = 0; pass < smoothing_passes; ++pass) {
+        const std::vector<glm::vec3> before = roots;
+        every_hole([&](size_t n) {
+            const int at = holes.pixel[n], x = at % width, y = at / width;
+            glm::vec3 sum = before[n];
+            float count = 1;
+            for (int k = 0; k < 4; ++k) {
+                const int i = x + step[k][0], j = y + step[k][1];
+                if (i < 0 || j < 0 || i >= width || j >= height) continue;
+                const int32_t next = holes.number.at(i, j);
+                if (next >= 0) sum += before[size_t(next)], count += 1;
+            }
+            roots[n] = sum / count;
+        });
+    }
+    ColorImage out = view.color;
+    every_hole([&](size_t n) { out.data[size_t(holes.pixel[n])] = roots[n] * roots[n]; });
     return out;
 }
 

@@ -32,7 +32,8 @@ ColorImage fill(const HoledView& view, FillMethod method);
 /// them: (r - 0.5)^2 for r = farthest 1/z over own 1/z (both at least 0.005 / m), nothing below 0.5, so that a surface
 /// in front that stands at less than half the background's distance gives none of its color. Where 5 or more
 /// directions leave the image no torn edge is near (the hole is out of frame), and depth has no say. Averages are
-/// taken of square roots, which is near what a display shows.
+/// taken of square roots, which is near what a display shows; in the end each hole pixel becomes the mean of itself and
+/// its four neighbours among the holes, twice.
 ColorImage fill_background(const HoledView& view);
 
 /// OpenImageIO's fillholes_pushpull (image_file_fill.cpp).

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "embree_core/fill.h"
+#include "embree_core/warp.h"
 #include "scenes/minimal/minimal.h"
 #include "tests/catch.h"
 #include "tests/minimal_support.h"
@@ -124,14 +125,22 @@ TEST_CASE("a disocclusion takes the color of the far side alone", "[fill]") {
 
 TEST_CASE("the warp of a card before a wall is filled with the wall", "[fill]") {
     const minimal::MinimalScene s = minimal::make_scene("box");
-    const minimal::Case c = minimal::lift_scene(s, s.shift);
-    const ShiftedHoles seen = holes(c.rig, minimal::as_shifted(c.v));
+    const minimal::View r = s.recorded(s.own);
+    const ShiftedCamera v = minimal::as_shifted(s.shifted(s.shift, s.own));
+    const DepthMap depth = minimal::render(s.world, r).depth;
+    const SurfaceView surface =
+        surface_view(r.intrinsics, r.world_from_cam, depth, v.world_from_cam.translation_m);
+    Reprojection shown;
+    REQUIRE(reproject(surface, v, nullptr, shown));
+    const ShiftedHoles seen = holes({{surface.intrinsics, surface.world_from_cam, &shown}}, 0, v);
     // Plain colors by depth: the box white, the wall behind it blue.
     ColorImage recorded(seen.hole.width, seen.hole.height, {0, 0, 0.5f});
-    const DepthMap depth = minimal::render(s.world, s.recorded(s.own)).depth;
     for (size_t i = 0; i < depth.size(); ++i)
         if (depth.data[i] < 7) recorded.data[i] = glm::vec3(1);
-    const ColorImage got = fill({warp(c.rig, seen, {recorded}), seen.hole, seen.depth}, FillMethod::background);
+    const Sampler sampler({surface.inverse_depth, surface.tears}, recorded,
+                          projective_map(r.intrinsics, r.world_from_cam, v.intrinsics, v.world_from_cam));
+    const Warped warped = warp(seen, {sampler}, EdgeBand::drop);
+    const ColorImage got = fill({warped.color, warped.missing, seen.depth}, FillMethod::background);
     size_t filled = 0, wrong = 0;
     for (size_t i = 0; i < got.size(); ++i)
         if (seen.disoccluded.data[i]) {

@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cstdio>
 #include <filesystem>
+#include <limits>
 #include <memory>
 
 #include "embree_core/answer.h"
@@ -22,8 +23,32 @@ struct Options {
     std::string recipe, output, out_dir, json;
     std::vector<std::string> methods = {"background"};
     std::vector<std::pair<std::string, std::string>> request;
-    bool all_frames = false, all_shifts = false;
+    bool seam = false, all_frames = false, all_shifts = false;
 };
+
+/// The seam's colors with the depth of the whole rig's warp, as a warp: what the seam has no color for is a hole, and
+/// where it alone has one the depth is not known.
+Channels warp_of_seam(const Recipe& recipe, Request request, FrameFiles& files) {
+    request.from = Source::rig;
+    Channels out = answer(recipe, request, files).image;
+    request.out = "seam";
+    const Channels seam = answer(recipe, request, files).image;
+    std::vector<float>*planes[4], *depth = nullptr;
+    for (size_t c = 0; c < out.names.size(); ++c) {
+        const size_t to = std::string("RGB").find(out.names[c]);
+        if (out.names[c].size() == 1 && to < 3) planes[to] = &out.planes[c];
+        if (out.names[c] == "Z") depth = &out.planes[c];
+        if (out.names[c] == "hole") planes[3] = &out.planes[c];
+    }
+    const std::vector<float>& source = seam.plane("source");
+    for (size_t i = 0; i < source.size(); ++i) {
+        const bool missing = source[i] < 0;
+        if (!missing && (*planes[3])[i] > 0.5f) (*depth)[i] = std::numeric_limits<float>::quiet_NaN();
+        (*planes[3])[i] = missing;
+    }
+    *planes[0] = seam.plane("R"), *planes[1] = seam.plane("G"), *planes[2] = seam.plane("B");
+    return out;
+}
 
 /// A warp taken apart into what a fill needs.
 struct Warped {
@@ -123,7 +148,7 @@ public:
 
 private:
     std::string arm(const std::string& method) const {
-        return (base_.from == Source::rig ? "rig-" : "self-") + method;
+        return (options_.seam ? "seam-" : base_.from == Source::rig ? "rig-" : "self-") + method;
     }
 
     void one(int frame, const NamedShift& shift, const std::string& camera) {
@@ -142,9 +167,10 @@ private:
             if (in_set_.empty() || !manifest_->is_done((in_set_ / arm(method) / item).string())) left.push_back(method);
         if (left.empty()) return;
         const auto start = std::chrono::steady_clock::now();
-        const Answer a = answer(recipe_, request, files_);
+        const Channels warp =
+            options_.seam ? warp_of_seam(recipe_, request, files_) : answer(recipe_, request, files_).image;
         const double warp_ms = ms_since(start);
-        const Warped warped(a.image);
+        const Warped warped(warp);
         for (const std::string& method : left) {
             const auto began = std::chrono::steady_clock::now();
             const ColorImage color =
@@ -152,7 +178,7 @@ private:
             const double fill_ms = ms_since(began);
             const fs::path file = many_ ? fs::path(options_.out_dir) / arm(method) / item : fs::path(options_.output);
             if (many_) make_folders(file.parent_path());
-            write_image(file, filled_image(a.image, color, method),
+            write_image(file, filled_image(warp, color, method),
                         {file.extension() == ".png" ? SampleType::uint16 : SampleType::float32});
             rows_.push_back({{"arm", arm(method)},
                              {"out", "inpaint"},
@@ -227,8 +253,9 @@ void add_inpaint_verb(CLI::App& app) {
     request_key("--from", "from", "self or rig: whose pictures fill what the own camera lacks, before the fill");
     request_key("--tolerance_px,--tolerance-px", "tolerance_px",
                 "how far surfaces may move for fewer triangles, 0 to 4 px");
+    sub->add_flag("--seam", options->seam, "the seam's colors (vshift seam) instead of the warp's, before the fill");
     sub->add_option("-o,--output", options->output, "one image: .exr, .png, .pfm or .npy");
-    sub->add_option("--out-dir", options->out_dir, "many images: DIR/FROM-METHOD/SHIFT/FFFF/CAMERA.exr");
+    sub->add_option("--out-dir", options->out_dir, "many images: DIR/ARM/SHIFT/FFFF/CAMERA.exr");
     sub->add_flag("--all-frames", options->all_frames, "every frame of the recipe");
     sub->add_flag("--all-shifts", options->all_shifts, "every shift of the set's manifest");
     sub->add_option("--json", options->json, "times as JSON; - is standard output");

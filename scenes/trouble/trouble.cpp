@@ -13,6 +13,7 @@
 #include "embree_core/holes.h"
 #include "embree_core/recipe.h"
 #include "embree_core/score.h"
+#include "embree_core/warp.h"
 #include "scenes/analytic/street_mesh.h"
 
 namespace vshift::trouble {
@@ -172,17 +173,27 @@ struct Result {
 };
 
 Result warp_and_fill(const Views& views, const Shift& shift, bool rig) {
-    LiftedRig lifted;
-    std::vector<ColorImage> images;
+    const size_t cameras = rig ? views.rig.size() : 1;
     const ShiftedCamera v{views.rig[0].intrinsics, analytic::shifted_camera(views.rig[0], 0, shift).world_from_cam};
-    for (size_t c = 0; c < (rig ? views.rig.size() : 1); ++c) {
+    std::vector<SurfaceView> surfaces;
+    std::vector<Reprojection> shown(cameras);
+    std::vector<RigView> rig_views;
+    std::vector<Sampler> samplers;
+    for (size_t c = 0; c < cameras; ++c) {
         const TrueCamera camera = analytic::recorded_camera(views.rig[c], 0);
-        lifted.views.push_back(lift_view(views.rig[c].name, camera.intrinsics, camera.world_from_cam,
-                                         views.recorded[c].depth, v.world_from_cam.translation_m));
-        images.push_back(views.recorded[c].color);
+        surfaces.push_back(surface_view(camera.intrinsics, camera.world_from_cam, views.recorded[c].depth,
+                                        v.world_from_cam.translation_m));
     }
-    Result out{{}, holes(lifted, v)};
-    out.color = fill_background({warp(lifted, out.seen, images), out.seen.hole, out.seen.depth});
+    for (size_t c = 0; c < cameras; ++c) {
+        const SurfaceView& s = surfaces[c];
+        const bool any = reproject(s, v, nullptr, shown[c]);
+        rig_views.push_back({s.intrinsics, s.world_from_cam, any ? &shown[c] : nullptr});
+        samplers.emplace_back(SurfaceField{s.inverse_depth, s.tears}, views.recorded[c].color,
+                              projective_map(s.intrinsics, s.world_from_cam, v.intrinsics, v.world_from_cam));
+    }
+    Result out{{}, holes(rig_views, 0, v)};
+    const Warped warped = warp(out.seen, samplers, EdgeBand::drop);
+    out.color = fill_background({warped.color, warped.missing, out.seen.depth});
     return out;
 }
 
