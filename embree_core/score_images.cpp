@@ -200,7 +200,7 @@ ordered_json interval_of(const std::map<int, FrameSum>& frames, const std::funct
     if (!interval) return nullptr;
     double a = statistic(interval->low), b = statistic(interval->high);
     if (a > b) std::swap(a, b);
-    return {finite_or_null(a), finite_or_null(b)};
+    return std::isfinite(a) && std::isfinite(b) ? ordered_json{a, b} : ordered_json(nullptr);
 }
 
 ordered_json summary_of(const std::vector<Unit>& units) {

@@ -17,6 +17,7 @@
 #include "scenes/analytic/street_set.h"
 #include "scenes/minimal/minimal.h"
 #include "scenes/scene_files.h"
+#include "scenes/trouble/trouble.h"
 
 namespace vshift::minimal {
 namespace {
@@ -157,6 +158,30 @@ Json write_street(const Options& options) {
             {"shapes", shapes},         {"geometry_hash", hash}};
 }
 
+constexpr const char* trouble_prefix = "trouble_";
+
+/// One twin of a trouble scene: what was recorded, as a recipe, and the true view from its default shift.
+void write_trouble_twin(const trouble::Scene& scene, bool fault, const Options& options, const fs::path& folder) {
+    MinimalScene set;  // what the recipe needs of one
+    set.name = trouble_prefix + scene.name;
+    set.shift.translation_m = {0, 2, 0};
+    set.frames = {Pose{}};
+    const trouble::Views views = trouble::render(scene, fault, set.shift, options.size.width);
+    fs::create_directories(folder / "frames" / "0000");
+    for (size_t c = 0; c < views.rig.size(); ++c) {
+        set.rig.push_back({views.rig[c].name, views.rig[c].intrinsics, views.rig[c].ego_from_cam});
+        write_view(folder / "frames" / "0000", views.rig[c].name, {views.recorded[c].color, views.recorded[c].depth, {}},
+                   options.depth);
+    }
+    fs::create_directories(folder / "expected");
+    Channels shifted = sized(views.shifted.color.width, views.shifted.color.height);
+    add_color(shifted, views.shifted.color);
+    shifted.add("Z", views.shifted.depth.data);
+    add_flags(shifted, "fault", views.shifted.touched, 1);
+    write_image(folder / "expected" / "shifted.exr", shifted);
+    write_whole_file(folder / (set.name + ".vshift"), recipe_of(set, options.depth).dump(2) + "\n");
+}
+
 int run(int argc, char** argv) {
     Options options;
     bool list = false;
@@ -185,10 +210,18 @@ int run(int argc, char** argv) {
     if (list) {
         for (const std::string& name : scene_names()) std::cout << name << "\n";
         std::cout << street_name << "\n" << set_name << "\n";
+        for (const trouble::Scene& scene : trouble::scenes()) std::cout << trouble_prefix << scene.name << "\n";
         return 0;
     }
     if (options.scene.empty()) throw Error(ExitCode::bad_input, "scene: got none, expected a name of --list, or all");
     if (options.folder.empty()) throw Error(ExitCode::bad_input, "-o: got none, expected a folder");
+    if (options.scene.rfind(trouble_prefix, 0) == 0) {
+        const trouble::Scene& scene = trouble::scene(options.scene.substr(std::string(trouble_prefix).size()));
+        write_trouble_twin(scene, true, options, options.folder);
+        write_trouble_twin(scene, false, options, options.folder / "without_fault");
+        std::cout << Json{{"scene", options.scene}, {"fault", scene.fault}, {"without_fault", scene.control}}.dump(2) << "\n";
+        return 0;
+    }
     if (options.scene == street_name || options.scene == set_name) {
         if (height->count() == 0) options.size.height = std::max(8, options.size.width * 9 / 16);
         if (options.scene == set_name) {
