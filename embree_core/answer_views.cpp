@@ -208,7 +208,7 @@ void seam_answer(const Recipe& recipe, const Views& views, const Request& reques
     }
     Channels& image = out.image;
     if (condition) {
-        Condition c = at_stride(condition_of(seam, rig.own), request.stride);
+        Condition c = condition_of(std::move(seam), rig.own, request.stride);
         add_colors(c.color, image);
         image.add("own", std::move(c.own.data));
         image.add("neighbor", std::move(c.neighbor.data));

@@ -51,6 +51,7 @@ Look look(const LiftedView& view, const glm::dvec3& origin, const glm::dvec3& di
 
 void cast(const LiftedView& view, const ShiftedCamera& shifted, Reprojection& out) {
     const int width = shifted.intrinsics.width, height = shifted.intrinsics.height;
+    out.x0 = 0, out.x1 = width;
     out.sight = Grid<Sight>(width, height, Sight::none);
     out.inverse_depth = Grid<float>(width, height, 0);
     out.source_px = Grid<glm::vec2>(width, height, glm::vec2(0));

@@ -8,38 +8,40 @@
 
 namespace vshift {
 
-Condition condition_of(const Seam& seam, int own) {
-    const int width = seam.color.width, height = seam.color.height;
-    Condition out{seam.color, Grid<float>(width, height, 0), Grid<float>(width, height, 0),
-                  Grid<float>(width, height, 0)};
-    for (size_t i = 0; i < seam.source.size(); ++i) {
-        const int source = seam.source.data[i];
-        (source == own ? out.own : source < 0 ? out.hole : out.neighbor).data[i] = 1;
+Condition condition_of(Seam&& seam, int own, int stride) {
+    const int full_width = seam.color.width, full_height = seam.color.height;
+    const int width = (full_width + stride - 1) / stride, height = (full_height + stride - 1) / stride;
+    Condition out;
+    for (Grid<float>* share : {&out.own, &out.neighbor, &out.hole}) *share = Grid<float>(width, height);
+    if (stride == 1) {
+        out.color = std::move(seam.color);
+        tbb::parallel_for(0, height, [&](int y) {
+            const size_t begin = size_t(y) * size_t(width), end = begin + size_t(width);
+            for (size_t i = begin; i < end; ++i) {
+                const int source = seam.source.data[i];
+                out.own.data[i] = source == own;
+                out.neighbor.data[i] = source >= 0 && source != own;
+                out.hole.data[i] = source < 0;
+            }
+        });
+        return out;
     }
-    return out;
-}
-
-Condition at_stride(const Condition& full, int stride) {
-    if (stride == 1) return full;
-    const int width = (full.color.width + stride - 1) / stride, height = (full.color.height + stride - 1) / stride;
-    Condition out{ColorImage(width, height), Grid<float>(width, height), Grid<float>(width, height),
-                  Grid<float>(width, height)};
+    out.color = ColorImage(width, height);
     tbb::parallel_for(0, height, [&](int by) {
         for (int bx = 0; bx < width; ++bx) {
-            const int x1 = std::min((bx + 1) * stride, full.color.width),
-                      y1 = std::min((by + 1) * stride, full.color.height);
+            const int x1 = std::min((bx + 1) * stride, full_width), y1 = std::min((by + 1) * stride, full_height);
             glm::dvec3 color(0);
-            int own = 0, neighbor = 0, count = 0;
+            int own_px = 0, hole_px = 0, count = 0;
             for (int y = by * stride; y < y1; ++y)
                 for (int x = bx * stride; x < x1; ++x, ++count) {
-                    color += glm::dvec3(full.color.at(x, y));
-                    own += full.own.at(x, y) > 0;
-                    neighbor += full.neighbor.at(x, y) > 0;
+                    color += glm::dvec3(seam.color.at(x, y));
+                    own_px += seam.source.at(x, y) == own;
+                    hole_px += seam.source.at(x, y) < 0;
                 }
             out.color.at(bx, by) = glm::vec3(color / double(count));
-            out.own.at(bx, by) = float(own) / float(count);
-            out.neighbor.at(bx, by) = float(neighbor) / float(count);
-            out.hole.at(bx, by) = float(count - own - neighbor) / float(count);
+            out.own.at(bx, by) = float(own_px) / float(count);
+            out.neighbor.at(bx, by) = float(count - own_px - hole_px) / float(count);
+            out.hole.at(bx, by) = float(hole_px) / float(count);
         }
     });
     return out;

@@ -10,10 +10,11 @@ struct Condition {
     ColorImage color;
     Grid<float> own, neighbor, hole;
 };
-Condition condition_of(const Seam& seam, int own);
-
-/// Means over blocks of stride x stride pixels, fewer at the right and lower borders.
-Condition at_stride(const Condition& full, int stride);
+/// At a stride: means over blocks of stride x stride pixels, fewer at the right and lower borders.
+Condition condition_of(Seam&& seam, int own, int stride = 1);
+inline Condition condition_of(const Seam& seam, int own, int stride = 1) {
+    return condition_of(Seam(seam), own, stride);
+}
 
 /// Ablation "double_warp": what is not lost is warped R -> V -> R, so that training sees resampled pixels as inference
 /// does. Pixels that V's picture cannot give back become lost. `color` and `lost` of the recorded view, in place.

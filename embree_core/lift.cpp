@@ -89,7 +89,7 @@ void snap_pixels(LiftedMesh& mesh, const CellPlan& plan) {
 
 void find_tears(const Intrinsics& intrinsics, const Grid<float>& w, const LiftOptions& options, Grid<uint8_t>& tears) {
     const float nan = std::numeric_limits<float>::quiet_NaN();
-    tears = Grid<uint8_t>(w.width, w.height, 0);
+    if (tears.width != w.width || tears.height != w.height) tears = Grid<uint8_t>(w.width, w.height, 0);
     const double fx_b = intrinsics.fx * options.baseline_m, fy_b = intrinsics.fy * options.baseline_m;
     // Steps up to here are smaller than tear_px for sure: most pixels need no second look.
     const auto surely_small = [&](double scale) { return float(options.tear_px / scale * (1 - 1e-5)); };
@@ -100,10 +100,14 @@ void find_tears(const Intrinsics& intrinsics, const Grid<float>& w, const LiftOp
         };
         const float* own = &w.data[size_t(y) * size_t(w.width)];
         const float* under = y + 1 < w.height ? own + w.width : own;
+        uint8_t* row = &tears.data[size_t(y) * size_t(w.width)];
         for (int x = 0; x < w.width; ++x) {
             const float a = own[x], right = own[x + 1 < w.width ? x + 1 : x], below = under[x];
             const bool flat_x = std::fabs(right - a) <= small_x, flat_y = std::fabs(below - a) <= small_y;
-            if (flat_x & flat_y & (a > 0) & (right > 0) & (below > 0)) continue;
+            if (flat_x & flat_y & (a > 0) & (right > 0) & (below > 0)) {
+                row[x] = 0;
+                continue;
+            }
             const auto torn = [&](float b, float before, float after, double scale) {
                 if (std::isnan(b)) return false;  // no such pixel, or no measurement: never joined anyway
                 if ((a > 0) != (b > 0)) return true;
@@ -112,7 +116,7 @@ void find_tears(const Intrinsics& intrinsics, const Grid<float>& w, const LiftOp
             uint8_t bits = 0;
             if (torn(value(x + 1, y), value(x - 1, y), value(x + 2, y), fx_b)) bits |= 1;
             if (torn(value(x, y + 1), value(x, y - 1), value(x, y + 2), fy_b)) bits |= 2;
-            tears.at(x, y) = bits;
+            row[x] = bits;
         }
     });
 }

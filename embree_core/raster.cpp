@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "embree_core/raster_kernels.h"
 #include "embree_core/reproject.h"
 #include "embree_core/surface_field.h"
 
@@ -15,9 +16,11 @@ namespace {
 
 // Cells are taken in tiles, pixels of V in bands of rows. A band belongs to one task, and tiles come in order: the
 // result does not depend on who did what.
-constexpr int tile_columns = 64, tile_rows = 16, band_rows = 32, block = 16;
+constexpr int tile_columns = raster::most_cells, tile_rows = 16, band_rows = 64, block = 16;
 // Z' = Z / z below this is behind V or too near to its plane.
 constexpr float nearest_share = 1e-5f;
+// Laid over the place of a back face until a band is finished: farther left than any image.
+constexpr float back_mark = 65536;
 // A wall stands before a surface when it is nearer by more than rounding; walls that meet leave no gap.
 constexpr float wall_margin = 1 + 1e-5f, wall_reach_px = 1.0f / 512;
 
@@ -28,15 +31,19 @@ struct Corner {
     float u, v;  ///< pixel of R, centres at whole numbers
 };
 
+/// std::ceil of what an int holds, without a call.
+int ceiling(float value) {
+    const int whole = int(value);
+    return whole + (float(whole) < value);
+}
+
 struct Range {
     int x0 = 0, x1 = 0, y0 = 0, y1 = 0;  ///< half open
     bool empty() const { return x0 >= x1 || y0 >= y1; }
 };
 
 /// The pixel map with centres at whole numbers on both sides, as floats.
-struct FloatMap {
-    float x[4], y[4], z[4];  ///< u, v, 1, w
-
+struct FloatMap : raster::Map {
     explicit FloatMap(const ProjectiveMap& m) {
         const auto row = [&](int i, double centre, float* out) {
             const auto value = [&](const glm::dvec3& column) { return column[i] - centre * column[2]; };
@@ -49,8 +56,9 @@ struct FloatMap {
         row(1, 0.5, y);
         row(2, 0, z);
     }
+    /// In the same steps as the kernels: shared corners are the same to the bit.
     glm::vec3 at(float u, float v, float w) const {
-        const auto dot = [&](const float* row) { return row[0] * u + (row[1] * v + (row[2] + row[3] * w)); };
+        const auto dot = [&](const float* m) { return m[0] * u + ((m[1] * v + m[2]) + m[3] * w); };
         return {dot(x), dot(y), dot(z)};
     }
     Corner corner(float u, float v, float w) const {
@@ -59,6 +67,33 @@ struct FloatMap {
         return {h.x * r, h.y * r, w * r, r, u, v};
     }
 };
+
+/// Bounds of 1/z.
+struct Bounds {
+    float low = std::numeric_limits<float>::infinity(), high = 0;
+};
+
+/// What a box of R can reach in V: the map is fractional linear, so its bounds over a box of (u, v, w) are at the
+/// corners.
+Range reach_of(const FloatMap& map, float u0, float u1, float v0, float v1, Bounds w, int width, int height) {
+    constexpr float slack = 0.01f;  // walls' reach, rounding
+    float left = std::numeric_limits<float>::infinity(), right = -left, top = left, bottom = -left;
+    int behind = 0;
+    for (int i = 0; i < 8; ++i) {
+        const glm::vec3 h = map.at(i & 1 ? u1 : u0, i & 2 ? v1 : v0, i & 4 ? w.high : w.low);
+        if (!(h.z > nearest_share)) {
+            ++behind;
+            continue;
+        }
+        left = std::min(left, h.x / h.z), right = std::max(right, h.x / h.z);
+        top = std::min(top, h.y / h.z), bottom = std::max(bottom, h.y / h.z);
+    }
+    if (behind == 8) return {};
+    if (behind) return {0, width, 0, height};
+    const auto whole = [](float value, int limit) { return int(std::clamp(value, 0.0f, float(limit))); };
+    return {whole(std::ceil(left - slack), width), whole(std::floor(right + slack) + 1, width),
+            whole(std::ceil(top - slack), height), whole(std::floor(bottom + slack) + 1, height)};
+}
 
 /// Whether a pixel exactly on the edge a -> b belongs to the triangle on its inner side.
 bool owns_edge(float dx, float dy) {
@@ -74,8 +109,15 @@ struct Blocks {
         std::vector<uint32_t> counts(size_t(columns) * size_t(rows));
         tbb::parallel_for(0, rows, [&](int by) {
             for (int y = by * block; y < std::min((by + 1) * block, where.height); ++y)
-                for (int x = 0; x < where.width; ++x)
-                    counts[size_t(by) * size_t(columns) + size_t(x / block)] += where.at(x, y);
+                for (int bx = 0; bx < columns; ++bx) {
+                    const uint8_t* row = &where.at(bx * block, y);
+                    unsigned sum = 0;
+                    if ((bx + 1) * block <= where.width)
+                        for (int i = 0; i < block; ++i) sum += row[i];
+                    else
+                        for (int i = 0; i < where.width - bx * block; ++i) sum += row[i];
+                    counts[size_t(by) * size_t(columns) + size_t(bx)] += sum;
+                }
         });
         sums.assign(size_t(columns + 1) * size_t(rows + 1), 0);
         for (int y = 0; y < rows; ++y)
@@ -94,6 +136,7 @@ struct Blocks {
 
 struct Tile {
     int x = 0, y = 0;
+    Bounds w;
     Range reach;  ///< pixels of V that it can touch
 };
 
@@ -109,65 +152,75 @@ public:
           width_(out.sight.width),
           y0_(y0),
           y1_(y1) {
-        const size_t begin = size_t(y0) * size_t(width_), end = size_t(y1) * size_t(width_);
-        std::fill(out.sight.data.begin() + long(begin), out.sight.data.begin() + long(end), Sight::none);
-        std::fill(out.inverse_depth.data.begin() + long(begin), out.inverse_depth.data.begin() + long(end), 0.0f);
-        std::fill(out.wall.begin() + long(begin), out.wall.begin() + long(end), 0.0f);
+        for (int y = y0; y < y1; ++y) {
+            const size_t begin = size_t(y) * size_t(width_) + size_t(out.x0), n = size_t(out.x1 - out.x0);
+            std::fill_n(&out.inverse_depth.data[begin], n, 0.0f);
+            std::fill_n(&out.wall[begin], n, 0.0f);
+        }
     }
 
     void draw(const Tile& tile) {
         const int last_x = std::min(tile.x + tile_columns, field_.w.width),
                   last_y = std::min(tile.y + tile_rows, field_.w.height);
-        const int vx0 = std::max(tile.x, 0), vx1 = std::min(last_x, field_.w.width - 1);
-        Row above, below;
-        bool have = false;
+        // Cells with all four corners in the image.
+        const int x0 = std::max(tile.x, 0), x1 = std::min(last_x, field_.w.width - 1);
+        const raster::Window window{float(width_), float(y0_), float(y1_)};
+        const raster::Kernels& kernels = raster::kernels();
+        raster::Row* above = &rows_[0];
+        raster::Row* below = &rows_[1];
+        int have = -2;  // the row of pixels in `below`
         for (int y = tile.y; y < last_y; ++y) {
-            const bool inner = y >= 0 && y + 1 < field_.w.height;
-            if (!inner) {
+            const Range reach =
+                reach_of(map_, float(tile.x), float(last_x), float(y), float(y + 1), tile.w, width_, y1_);
+            if (reach.empty() || reach.y1 <= y0_) continue;
+            if (y < 0 || y + 1 >= field_.w.height) {
                 for (int x = tile.x; x < last_x; ++x) draw_split(x, y);
-                have = false;
                 continue;
             }
-            if (!have) transform(vx0, vx1, y, above);
-            transform(vx0, vx1, y + 1, below);
-            have = true;
-            for (int x = tile.x; x < last_x; ++x) {
-                if (x >= 0 && x + 1 < field_.w.width && field_.whole(x, y))
-                    draw_whole(x, y, above, below, x - vx0);
-                else
-                    draw_split(x, y);
-            }
-            std::swap(above, below);
+            if (have == y)
+                std::swap(above, below);
+            else
+                load(x0, x1, y, *above);
+            load(x0, x1, y + 1, *below);
+            have = y + 1;
+            if (tile.x < x0) draw_split(tile.x, y);
+            if (x1 < last_x) draw_split(x1, y);
+            if (x0 >= x1) continue;
+            kernels.cells(*above, *below, float(x0), float(y), window, size_t(x1 - x0), cells_);
+            put_cells(x0, y, x1 - x0, *above, *below);
         }
     }
 
     /// Sky where nothing stands, and what walls hide.
     void finish(const ProjectiveMap& sky_map, const Intrinsics& recorded) {
-        for (int y = y0_; y < y1_; ++y)
-            for (int x = 0; x < width_; ++x) {
+        for (int y = y0_; y < y1_; ++y) {
+            const glm::dvec3 row = sky_map.turn[1] * (y + 0.5) + sky_map.turn[2];
+            for (int x = out_.x0; x < out_.x1; ++x) {
                 const size_t at = size_t(y) * size_t(width_) + size_t(x);
                 if (where_ && !where_->data[at]) continue;
                 const float q = out_.inverse_depth.data[at];
-                if (out_.wall[at] > q * wall_margin) {
-                    out_.sight.data[at] = Sight::behind_wall;
-                    if (q > 0) continue;
-                } else if (q > 0) {
+                const bool wall = out_.wall[at] > q * wall_margin;
+                Sight& sight = out_.sight.data[at];
+                if (q > 0) {
+                    glm::vec2& source_px = out_.source_px.data[at];
+                    const bool back = source_px.x < 0.25f - 0.5f * back_mark;
+                    if (back) source_px.x += back_mark;
+                    sight = wall ? Sight::behind_wall : back ? Sight::back_face : Sight::seen;
                     continue;
                 }
-                const glm::dvec3 h = sky_map.at(x + 0.5, y + 0.5, 0);
+                sight = wall ? Sight::behind_wall : Sight::none;
+                if (view_.sky_px == 0) continue;
+                const glm::dvec3 h = sky_map.turn[0] * (x + 0.5) + row;
                 if (!(h.z > 1e-9)) continue;
-                const glm::dvec2 u(h.x / h.z, h.y / h.z);
+                const glm::dvec2 u = glm::dvec2(h) * (1 / h.z);
                 if (!in_image(recorded, u) || field_.w.at(int(u.x), int(u.y)) != 0) continue;
                 out_.source_px.data[at] = glm::vec2(u);
-                if (out_.sight.data[at] == Sight::none) out_.sight.data[at] = Sight::sky;
+                if (!wall) sight = Sight::sky;
             }
+        }
     }
 
 private:
-    struct Row {
-        float x[tile_columns + 1], y[tile_columns + 1], q[tile_columns + 1], r[tile_columns + 1];
-    };
-
     SurfaceField field_;
     const SurfaceView& view_;
     const FloatMap& map_;
@@ -175,89 +228,75 @@ private:
     Reprojection& out_;
     int width_, y0_, y1_;
 
-    void transform(int x0, int x1, int y, Row& row) const {
-        const float* w = &field_.w.data[size_t(y) * size_t(field_.w.width) + size_t(x0)];
-        const float v = float(y), first = float(x0);
-        const float bx = map_.x[1] * v + map_.x[2], by = map_.y[1] * v + map_.y[2], bz = map_.z[1] * v + map_.z[2];
-        for (int i = 0; i <= x1 - x0; ++i) {
-            const float u = first + float(i);
-            const float hz = map_.z[0] * u + (bz + map_.z[3] * w[i]);
-            const float r = hz > nearest_share ? 1 / hz : -1.0f;
-            row.x[i] = (map_.x[0] * u + (bx + map_.x[3] * w[i])) * r;
-            row.y[i] = (map_.y[0] * u + (by + map_.y[3] * w[i])) * r;
-            row.q[i] = w[i] * r;
-            row.r[i] = r;
+    raster::Row rows_[2];
+    raster::Cells cells_;
+
+    void load(int x0, int x1, int y, raster::Row& row) const {
+        const size_t at = size_t(y) * size_t(field_.w.width) + size_t(x0), n = size_t(x1 - x0 + 1);
+        std::copy_n(&field_.w.data[at], n, row.w);
+        std::copy_n(&field_.tears.data[at], n, row.tears);
+        raster::kernels().transform(map_, float(x0), float(y), n, row);
+    }
+
+    /// What the kernel found, under the z-test; cells that it leaves to us.
+    void put_cells(int x0, int y, int n, const raster::Row& above, const raster::Row& below) {
+        float* const depth = out_.inverse_depth.data.data();
+        glm::vec2* const source = out_.source_px.data.data();
+        const uint8_t* const where = where_ ? where_->data.data() : nullptr;
+        const size_t width = size_t(width_);
+        for (int i = 0; i < n; ++i) {
+            const int kind = cells_.kind[i];
+            if (kind == raster::nothing) continue;
+            if (kind == raster::split) {
+                draw_split(x0 + i, y);
+                continue;
+            }
+            if (kind == raster::wide) {
+                draw_wide(x0 + i, y, above, below, i);
+                continue;
+            }
+            const size_t first = size_t(cells_.y[i]) * width + size_t(cells_.x[i]);
+            const int hits = cells_.hits[i];
+            for (int k = 0; hits >> k; ++k) {
+                if (!(hits >> k & 1)) continue;
+                const size_t at = first + size_t(k & 1) + (k >> 1 ? width : 0);
+                const float q = cells_.q[k][i];
+                if (!(q > depth[at]) || (where && !where[at])) continue;
+                depth[at] = q;
+                source[at] = {cells_.u[k][i] + 0.5f, cells_.v[k][i] + 0.5f};
+            }
         }
     }
 
     /// Pixels whose centres may lie inside; at the far sides the edge rule gives them to the next triangle.
     Range candidates(float x0, float x1, float y0, float y1) const {
-        return {int(std::ceil(std::max(x0, 0.0f))), int(std::ceil(std::min(x1, float(width_)))),
-                int(std::ceil(std::max(y0, float(y0_)))), int(std::ceil(std::min(y1, float(y1_))))};
+        return {ceiling(std::max(x0, 0.0f)), ceiling(std::min(x1, float(width_))), ceiling(std::max(y0, float(y0_))),
+                ceiling(std::min(y1, float(y1_)))};
     }
 
-    void put(int x, int y, float q, float u, float v, Sight sight) {
-        const size_t at = size_t(y) * size_t(width_) + size_t(x);
-        out_.inverse_depth.data[at] = q;
-        out_.source_px.data[at] = {u + 0.5f, v + 0.5f};
-        out_.sight.data[at] = sight;
-    }
     bool wanted(int x, int y) const { return !where_ || where_->at(x, y); }
 
-    void draw_whole(int cx, int cy, const Row& a, const Row& b, int i) {
-        const float X[4] = {a.x[i], a.x[i + 1], b.x[i + 1], b.x[i]}, Y[4] = {a.y[i], a.y[i + 1], b.y[i + 1], b.y[i]};
-        const Range box = candidates(std::min(std::min(X[0], X[1]), std::min(X[2], X[3])),
-                                     std::max(std::max(X[0], X[1]), std::max(X[2], X[3])),
-                                     std::min(std::min(Y[0], Y[1]), std::min(Y[2], Y[3])),
-                                     std::max(std::max(Y[0], Y[1]), std::max(Y[2], Y[3])));
-        if (box.empty()) return;
-        const float R[4] = {a.r[i], a.r[i + 1], b.r[i + 1], b.r[i]}, Q[4] = {a.q[i], a.q[i + 1], b.q[i + 1], b.q[i]};
-        if (!(std::min(std::min(R[0], R[1]), std::min(R[2], R[3])) > 0)) return;
-        const auto area = [&](int p, int q, int s) {
-            return (X[q] - X[p]) * (Y[s] - Y[p]) - (Y[q] - Y[p]) * (X[s] - X[p]);
+    /// A cell that covers more than 2x2 pixels or is seen from behind.
+    void draw_wide(int cx, int cy, const raster::Row& a, const raster::Row& b, int i) {
+        const auto corner = [&](const raster::Row& row, int c) {
+            const int at = i + corner_dx[c];
+            return Corner{row.x[at],
+                          row.y[at],
+                          row.q[at],
+                          row.r[at],
+                          float(cx) + float(corner_dx[c]),
+                          float(cy) + float(corner_dy[c])};
         };
-        const float u0 = float(cx), v0 = float(cy);
-        if (!(area(0, 1, 3) > 0 && area(2, 3, 1) > 0)) {
-            const auto corner = [&](int c) {
-                return Corner{X[c], Y[c], Q[c], R[c], u0 + float(corner_dx[c]), v0 + float(corner_dy[c])};
-            };
-            const Corner c[4] = {corner(0), corner(1), corner(2), corner(3)};
-            triangle(c[0], c[1], c[3]);
-            triangle(c[2], c[3], c[1]);
-            return;
-        }
-        for (int y = box.y0; y < box.y1; ++y)
-            for (int x = box.x0; x < box.x1; ++x) {
-                if (!wanted(x, y)) continue;
-                float dx[4], dy[4];
-                for (int c = 0; c < 4; ++c) dx[c] = X[c] - float(x), dy[c] = Y[c] - float(y);
-                const auto edge = [&](int p, int q) { return dx[p] * dy[q] - dy[p] * dx[q]; };
-                const auto inside = [&](float e, int p, int q) {
-                    return e > 0 || (e == 0 && owns_edge(X[q] - X[p], Y[q] - Y[p]));
-                };
-                const float diagonal = edge(1, 3);
-                const bool upper = inside(diagonal, 1, 3);
-                // Triangle (o, p, s): the corner at the right angle, the one beside it along u, the one along v.
-                const int o = upper ? 0 : 2, p = upper ? 1 : 3, s = upper ? 3 : 1;
-                const float to_s = edge(o, p), to_p = edge(s, o);
-                if (!inside(to_s, o, p) || !inside(to_p, s, o)) continue;
-                const float to_o = std::fabs(diagonal);
-                const float sum = to_o + to_p + to_s;
-                if (!(sum > 0)) continue;
-                const float q = (to_o * Q[o] + to_p * Q[p] + to_s * Q[s]) / sum;
-                if (!(q > out_.inverse_depth.at(x, y))) continue;
-                const float ro = to_o * R[o], rp = to_p * R[p], rs = to_s * R[s];
-                const float share = 1 / (ro + rp + rs);
-                const float fu = rp * share, fv = rs * share;
-                put(x, y, q, upper ? u0 + fu : u0 + 1 - fu, upper ? v0 + fv : v0 + 1 - fv, Sight::seen);
-            }
+        const Corner c[4] = {corner(a, 0), corner(a, 1), corner(b, 2), corner(b, 3)};
+        triangle(c[0], c[1], c[3]);
+        triangle(c[2], c[3], c[1]);
     }
 
     void triangle(Corner a, Corner b, Corner c) {
         if (!(a.r > 0 && b.r > 0 && c.r > 0)) return;
         float area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
         if (area == 0 || !std::isfinite(area)) return;
-        const Sight sight = area > 0 ? Sight::seen : Sight::back_face;
+        const float back = area > 0 ? 0.0f : back_mark;  // laid over the place until `finish`
         if (area < 0) std::swap(b, c);
         const Range box = candidates(std::min(a.x, std::min(b.x, c.x)), std::max(a.x, std::max(b.x, c.x)),
                                      std::min(a.y, std::min(b.y, c.y)), std::max(a.y, std::max(b.y, c.y)));
@@ -278,7 +317,9 @@ private:
                 const float q = (ea * a.q + eb * b.q + ec * c.q) / sum;
                 if (!(q > out_.inverse_depth.at(x, y))) continue;
                 const float ra = ea * a.r, rb = eb * b.r, rc = ec * c.r, share = 1 / (ra + rb + rc);
-                put(x, y, q, (ra * a.u + rb * b.u + rc * c.u) * share, (ra * a.v + rb * b.v + rc * c.v) * share, sight);
+                out_.inverse_depth.at(x, y) = q;
+                out_.source_px.at(x, y) = {(ra * a.u + rb * b.u + rc * c.u) * share + 0.5f - back,
+                                           (ra * a.v + rb * b.v + rc * c.v) * share + 0.5f};
             }
     }
 
@@ -296,6 +337,12 @@ private:
             const Corner beside = map_.corner(mu, float(y), along_x), under = map_.corner(float(x), mv, along_y);
             // Same turn as the recorded image: corners 0 and 2 go x first, 1 and 3 y first.
             const Corner &first = next_is_x ? beside : under, &last = next_is_x ? under : beside;
+            if (candidates(std::min(std::min(own.x, centre.x), std::min(first.x, last.x)),
+                           std::max(std::max(own.x, centre.x), std::max(first.x, last.x)),
+                           std::min(std::min(own.y, centre.y), std::min(first.y, last.y)),
+                           std::max(std::max(own.y, centre.y), std::max(first.y, last.y)))
+                    .empty())
+                continue;
             triangle(own, first, last);
             triangle(centre, last, first);
         }
@@ -391,46 +438,34 @@ private:
     }
 };
 
-/// What a tile can reach: the map is fractional linear, so its bounds over a box of (u, v, w) are at the corners.
-Range reach_of(const SurfaceView& view, const FloatMap& map, int tile_x, int tile_y, int width, int height) {
+/// Bounds of 1/z on and between a tile's surfaces; low > high: nothing there.
+Bounds bounds_of(const SurfaceView& view, int tile_x, int tile_y) {
     const Grid<float>& w = view.inverse_depth;
-    float low = std::numeric_limits<float>::infinity(), high = 0;
-    bool invalid = false;
+    Bounds out;
+    // The image's border is a tear too.
+    bool invalid = false, torn = tile_x < 0 || tile_y < 0 || tile_x + tile_columns >= w.width ||
+                                 tile_y + tile_rows >= w.height;
     const int x0 = std::max(tile_x, 0), x1 = std::min(tile_x + tile_columns, w.width - 1);
     const int y0 = std::max(tile_y, 0), y1 = std::min(tile_y + tile_rows, w.height - 1);
     for (int y = y0; y <= y1; ++y) {
         const float* row = &w.data[size_t(y) * size_t(w.width)];
-        float row_low = low, row_high = high;
+        float low = out.low, high = out.high;
+        const uint8_t* tears = &view.tears.data[size_t(y) * size_t(w.width)];
         int unknown = 0;
+        unsigned any_tear = 0;
+        for (int x = x0; x <= x1; ++x) any_tear |= tears[x];
+        torn |= any_tear != 0;
         for (int x = x0; x <= x1; ++x) {
-            row_low = row[x] < row_low ? row[x] : row_low;
-            row_high = row[x] > row_high ? row[x] : row_high;
+            low = row[x] < low ? row[x] : low;
+            high = row[x] > high ? row[x] : high;
             unknown |= row[x] != row[x];
         }
-        low = row_low, high = row_high, invalid |= unknown != 0;
+        out.low = low, out.high = high, invalid |= unknown != 0;
     }
-    if (!(low <= high)) return {};
-    if (low == high && low == 0 && !invalid) return {};  // sky only
-    low *= 0.5f, high *= 2;                              // half a pixel beyond a tear (SurfaceField::half_edge)
-    if (invalid) high = view.wall_top;
-    float left = std::numeric_limits<float>::infinity(), right = -left, top = left, bottom = -left;
-    int behind = 0;
-    for (int i = 0; i < 8; ++i) {
-        const float u = i & 1 ? float(std::min(tile_x + tile_columns, w.width)) : float(tile_x);
-        const float v = i & 2 ? float(std::min(tile_y + tile_rows, w.height)) : float(tile_y);
-        const glm::vec3 h = map.at(u, v, i & 4 ? high : low);
-        if (!(h.z > nearest_share)) {
-            ++behind;
-            continue;
-        }
-        left = std::min(left, h.x / h.z), right = std::max(right, h.x / h.z);
-        top = std::min(top, h.y / h.z), bottom = std::max(bottom, h.y / h.z);
-    }
-    if (behind == 8) return {};
-    if (behind) return {0, width, 0, height};
-    const auto whole = [](float value, int limit) { return int(std::clamp(value, 0.0f, float(limit))); };
-    return {whole(std::floor(left - 0.5f), width), whole(std::ceil(right + 1.5f), width),
-            whole(std::floor(top - 0.5f), height), whole(std::ceil(bottom + 1.5f), height)};
+    if (out.high == 0 && !invalid) return {};  // sky
+    if (torn || invalid) out.low *= 0.5f, out.high *= 2;  // half a pixel beyond a tear (SurfaceField::half_edge)
+    if (invalid) out.high = view.wall_top;
+    return out;
 }
 
 }  // namespace
@@ -446,11 +481,21 @@ ProjectiveMap projective_map(const Intrinsics& from, const Pose& world_from_from
 
 SurfaceView surface_view(const Intrinsics& intrinsics, const Pose& world_from_cam, const DepthMap& depth,
                          const glm::dvec3& shifted_centre_m) {
+    SurfaceView view;
+    surface_view(intrinsics, world_from_cam, depth, shifted_centre_m, view);
+    return view;
+}
+
+void surface_view(const Intrinsics& intrinsics, const Pose& world_from_cam, const DepthMap& depth,
+                  const glm::dvec3& shifted_centre_m, SurfaceView& view) {
     if (depth.width != intrinsics.width || depth.height != intrinsics.height || depth.width < 1 || depth.height < 1)
         throw Error(ExitCode::bad_input,
                     "depth: size: got " + std::to_string(depth.width) + "x" + std::to_string(depth.height) +
                         ", expected " + std::to_string(intrinsics.width) + "x" + std::to_string(intrinsics.height));
-    SurfaceView view{intrinsics, world_from_cam, Grid<float>(depth.width, depth.height), {}, 0, 0, 0};
+    view.intrinsics = intrinsics, view.world_from_cam = world_from_cam;
+    view.invalid_px = view.sky_px = 0;
+    if (view.inverse_depth.width != depth.width || view.inverse_depth.height != depth.height)
+        view.inverse_depth = Grid<float>(depth.width, depth.height);
     struct Row {
         uint32_t invalid = 0, sky = 0;
         float nearest_m = 1e12f;
@@ -479,7 +524,6 @@ SurfaceView surface_view(const Intrinsics& intrinsics, const Pose& world_from_ca
     LiftOptions options;
     options.baseline_m = glm::length(shifted_centre_m - world_from_cam.translation_m);
     find_tears(intrinsics, view.inverse_depth, options, view.tears);
-    return view;
 }
 
 bool reproject(const SurfaceView& view, const ShiftedCamera& shifted, const Mask* where, Reprojection& out) {
@@ -496,27 +540,43 @@ bool reproject(const SurfaceView& view, const ShiftedCamera& shifted, const Mask
         for (int tx = 0; tx < columns; ++tx) {
             Tile& tile = tiles[size_t(ty) * size_t(columns) + size_t(tx)];
             tile.x = tx * tile_columns - 1, tile.y = ty * tile_rows - 1;
-            tile.reach = reach_of(view, map, tile.x, tile.y, width, height);
+            tile.w = bounds_of(view, tile.x, tile.y);
+            if (tile.w.low <= tile.w.high)
+                tile.reach = reach_of(map, float(tile.x), float(std::min(tile.x + tile_columns, view.intrinsics.width)),
+                                      float(tile.y), float(std::min(tile.y + tile_rows, view.intrinsics.height)),
+                                      tile.w, width, height);
         }
     });
-    const Blocks blocks(where ? *where : Mask(1, 1, 1));
-    std::erase_if(tiles, [&](const Tile& t) { return t.reach.empty() || (where && !blocks.any(t.reach)); });
-    if (tiles.empty() && view.sky_px == 0) return false;
-    if (where) {  // sky alone: only where the recorded frustum and V's meet
-        bool meets = !tiles.empty();
-        for (int y = 0; y < height && !meets; y += 4)
-            for (int x = 0; x < width && !meets; x += 4) {
-                const glm::dvec3 h = back.at(x + 0.5, y + 0.5, 0);
-                meets = h.z > 0 && in_image(view.intrinsics, {h.x / h.z, h.y / h.z});
+    if (where) {
+        const Blocks blocks(*where);
+        std::erase_if(tiles, [&](const Tile& t) { return t.reach.empty() || !blocks.any(t.reach); });
+    } else {
+        std::erase_if(tiles, [](const Tile& t) { return t.reach.empty(); });
+    }
+    int x0 = where ? width : 0, x1 = where ? 0 : width;
+    for (const Tile& t : tiles) x0 = std::min(x0, t.reach.x0), x1 = std::max(x1, t.reach.x1);
+    if (where && view.sky_px > 0) {  // sky: where both images meet, which are convex: probes every few pixels will do
+        constexpr int step = 8;
+        for (int y = 0; y < height + step; y += step)
+            for (int x = 0; x < width + step; x += step) {
+                const glm::dvec3 h = back.at(std::min(x, width), std::min(y, height), 0);
+                if (!(h.z > 0) || !in_image(view.intrinsics, {h.x / h.z, h.y / h.z})) continue;
+                x0 = std::min(x0, std::max(x - 2 * step, 0)), x1 = std::max(x1, std::min(x + 2 * step, width));
             }
-        if (!meets) return false;
+    }
+    if (x0 >= x1) {
+        out.x0 = out.x1 = 0;
+        return false;
     }
     if (out.sight.width != width || out.sight.height != height) {
         out.sight = Grid<Sight>(width, height, Sight::none);
         out.inverse_depth = Grid<float>(width, height, 0);
         out.source_px = Grid<glm::vec2>(width, height, glm::vec2(0));
+    }
+    if (out.wall.size() != out.sight.size()) {
         out.wall.resize(out.sight.size());
     }
+    out.x0 = x0, out.x1 = x1;
     const int bands = (height + band_rows - 1) / band_rows;
     tbb::parallel_for(0, bands, [&](int b) {
         const int y0 = b * band_rows, y1 = std::min(y0 + band_rows, height);

@@ -23,6 +23,9 @@ struct SurfaceView {
 /// Torn as V's distance asks; the same tears as `lift_towards`. Throws Error bad_input when the size does not fit.
 SurfaceView surface_view(const Intrinsics& intrinsics, const Pose& world_from_cam, const DepthMap& depth,
                          const glm::dvec3& shifted_centre_m);
+/// The same into memory of an earlier frame.
+void surface_view(const Intrinsics& intrinsics, const Pose& world_from_cam, const DepthMap& depth,
+                  const glm::dvec3& shifted_centre_m, SurfaceView& out);
 
 /// Two depth maps of one surface differ by their sampling: by up to this share of depth they mean the same one.
 inline constexpr double same_surface_share = 0.02;
@@ -38,17 +41,20 @@ inline bool is_seen(Sight s) {
     return s == Sight::sky || s == Sight::seen;
 }
 
-/// Per pixel of V.
+/// Per pixel of V, in its columns x0 to x1; others hold nothing.
 struct Reprojection {
+    int x0 = 0, x1 = 0;
     Grid<Sight> sight;
     Grid<float> inverse_depth;    ///< 1/Z in V of the nearest kept surface, also where a wall stands before it; else 0
     Grid<glm::vec2> source_px;    ///< where that surface (or the sky) lies in the recorded image
     std::vector<float> wall;      ///< scratch: 1/Z of the nearest wall
+
+    bool holds(int x) const { return x >= x0 && x < x1; }
 };
 
-/// By rasterising. `where`: only pixels that are set there are answered (null: all); others are Sight::none or
-/// left unfinished. Returns false, with `out` untouched, where no surface or sky can fall on such a pixel. The same
-/// bytes whatever the number of threads.
+/// By rasterising. `where`: only pixels that are set there are answered, in as many columns as it takes (null: all of
+/// them); others are left unfinished. Returns false where no surface or sky can fall on such a
+/// pixel. The same bytes whatever the number of threads.
 bool reproject(const SurfaceView& view, const ShiftedCamera& shifted, const Mask* where, Reprojection& out);
 
 /// By casting rays at the lifted mesh.

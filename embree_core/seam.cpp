@@ -22,11 +22,11 @@ struct Neighbor {
     glm::dvec3 centre_m;  ///< world
     double axis_cosine;   ///< between its optical axis and the target's
     Pose cam_from_world;
-    Reprojection shown;
+    Reprojection* shown;
 
-    glm::vec3 color(glm::vec2 source_px, const glm::dvec3& from, const glm::dvec3& along, double t) const {
+    glm::vec3 color(glm::vec2 source_px, glm::vec2 target_px, const glm::dvec3& from, const glm::dvec3& along, double t) const {
         if (camera->bent) source_px = bent_source_px(*camera->bent, from, along, t);
-        return camera->gain * sampler.at(source_px);
+        return camera->gain * sampler.at(source_px, target_px);
     }
 };
 
@@ -40,7 +40,7 @@ std::list<Neighbor> neighbors_of(const std::vector<SeamCamera>& rig, int own, co
         const ProjectiveMap map = projective_map(view.intrinsics, view.world_from_cam, target, world_from_target);
         out.push_back({&rig[i], int(i), Sampler(field_of(view), *rig[i].image, map), view.world_from_cam.translation_m,
                        glm::dot(axis, view.world_from_cam.direction({0, 0, 1})), inverse(view.world_from_cam),
-                       {}});
+                       nullptr});
     }
     // Ties in viewing direction, and the sky, go to the camera that looks most nearly the same way.
     out.sort([](const Neighbor& a, const Neighbor& b) { return a.axis_cosine > b.axis_cosine; });
@@ -68,59 +68,60 @@ std::optional<glm::vec2> seen_at(const Neighbor& n, const glm::dvec3& from, cons
 
 }  // namespace
 
-ShiftedSeam seam_shifted(const std::vector<SeamCamera>& rig, int own_index, const ShiftedCamera& shifted,
-                         const SeamOptions& options) {
+void seam_shifted(const std::vector<SeamCamera>& rig, int own_index, const ShiftedCamera& shifted,
+                  const SeamOptions& options, ShiftedSeam& out) {
     const SeamCamera& own = rig.at(size_t(own_index));
     const Intrinsics& k = shifted.intrinsics;
-    ShiftedSeam out;
     const auto show = [&](const SeamCamera& camera, const Mask* where, Reprojection& shown) {
         if (!camera.lifted) return reproject(*camera.surface, shifted, where, shown);
         cast(*camera.lifted, shifted, shown);
         return true;
     };
-    if (!show(own, nullptr, out.own)) {
-        out.own.sight = Grid<Sight>(k.width, k.height, Sight::none);
-        out.own.inverse_depth = Grid<float>(k.width, k.height, 0);
-        out.own.source_px = Grid<glm::vec2>(k.width, k.height, glm::vec2(0));
-    }
-    const Sampler own_sampler(field_of(*own.surface), *own.image,
-                              projective_map(own.surface->intrinsics, own.surface->world_from_cam, k,
-                                             shifted.world_from_cam));
-    Warped base = warp(out.own, own_sampler, options.edge);
-    out.seam.color = std::move(base.color);
-    out.seam.source = Grid<int16_t>(k.width, k.height, -1);
+    show(own, nullptr, out.own);
+    const Sampler own_sampler(
+        field_of(*own.surface), *own.image,
+        projective_map(own.surface->intrinsics, own.surface->world_from_cam, k, shifted.world_from_cam));
+    warp(out.own, own_sampler, options.edge, out.seam.color, out.missing);
+    if (out.seam.source.size() != out.missing.size() || out.seam.source.width != k.width)
+        out.seam.source = Grid<int16_t>(k.width, k.height);
 
     std::list<Neighbor> neighbors = neighbors_of(rig, own_index, k, shifted.world_from_cam);
-    std::erase_if(neighbors, [&](Neighbor& n) { return !show(*n.camera, &base.missing, n.shown); });
+    out.neighbors.resize(neighbors.size());
+    size_t place = 0;
+    std::erase_if(neighbors, [&](Neighbor& n) {
+        n.shown = &out.neighbors[place++];
+        return !show(*n.camera, &out.missing, *n.shown);
+    });
     const glm::dvec3 centre = shifted.world_from_cam.translation_m;
     tbb::parallel_for(0, k.height, [&](int y) {
         for (int x = 0; x < k.width; ++x) {
             const size_t at = size_t(y) * size_t(k.width) + size_t(x);
-            if (!base.missing.data[at]) {
+            if (!out.missing.data[at]) {
                 out.seam.source.data[at] = int16_t(own_index);
                 continue;
             }
+            out.seam.source.data[at] = -1;
             float front = out.own.inverse_depth.data[at];
-            for (const Neighbor& n : neighbors) front = std::max(front, n.shown.inverse_depth.data[at]);
+            for (const Neighbor& n : neighbors)
+                if (n.shown->holds(x)) front = std::max(front, n.shown->inverse_depth.data[at]);
             const float least = front * float(1 - options.depth_tolerance);
             const Neighbor* best = nullptr;
             double best_cosine = -2, best_t = 0;
             const glm::dvec3 along = shifted.world_from_cam.direction(ray(k, {x + 0.5, y + 0.5}));
             for (const Neighbor& n : neighbors) {
-                if (!is_seen(n.shown.sight.data[at])) continue;
-                const float q = n.shown.inverse_depth.data[at];
+                if (!n.shown->holds(x) || !is_seen(n.shown->sight.data[at])) continue;
+                const float q = n.shown->inverse_depth.data[at];
                 if (q < least) continue;
-                if (options.edge == EdgeBand::drop && n.sampler.is_edge(n.shown.source_px.data[at])) continue;
+                if (options.edge == EdgeBand::drop && n.sampler.is_edge(n.shown->source_px.data[at])) continue;
                 const double t = 1 / double(q);
                 const double cosine = q > 0 ? direction_cosine(n, centre + t * along, along) : 1;
                 if (cosine > best_cosine) best = &n, best_cosine = cosine, best_t = t;
             }
             if (!best) continue;
             out.seam.source.data[at] = int16_t(best->index);
-            out.seam.color.data[at] = best->color(best->shown.source_px.data[at], centre, along, best_t);
+            out.seam.color.data[at] = best->color(best->shown->source_px.data[at], {x + 0.5f, y + 0.5f}, centre, along, best_t);
         }
     });
-    return out;
 }
 
 Seam seam_recorded(const std::vector<SeamCamera>& rig, int own_index, const Mask& lost, const SeamOptions& options) {
@@ -152,7 +153,7 @@ Seam seam_recorded(const std::vector<SeamCamera>& rig, int own_index, const Mask
             }
             if (!best) continue;
             out.source.data[at] = int16_t(best->index);
-            out.color.data[at] = best->color(best_px, centre, along, t);
+            out.color.data[at] = best->color(best_px, {x + 0.5f, y + 0.5f}, centre, along, t);
         }
     });
     return out;
@@ -176,7 +177,7 @@ glm::vec3 fitted_gain(const SeamCamera& own, const SeamCamera& neighbor, double 
             const glm::dvec3 along = world_from_own.direction(ray(k, {x + 0.5, y + 0.5}));
             const auto u = seen_at(n, world_from_own.translation_m, along, 1 / double(w), depth_tolerance);
             if (!u) continue;
-            const glm::vec3 a = own.image->at(x, y), b = neighbor.gain * n.sampler.at(*u);
+            const glm::vec3 a = own.image->at(x, y), b = neighbor.gain * n.sampler.at(*u, {x + 0.5f, y + 0.5f});
             const auto good = [&](const glm::vec3& c) {
                 return std::min({c.x, c.y, c.z}) > darkest && std::max({c.x, c.y, c.z}) < brightest;
             };

@@ -36,13 +36,21 @@ struct Seam {
     Grid<int16_t> source;
 };
 
-/// The shifted view. `own`'s colours where it saw V's pixel.
+/// The shifted view. `own`'s colours where it saw V's pixel. `out` may be of an earlier frame: its memory is used again.
 struct ShiftedSeam {
     Seam seam;
-    Reprojection own;  ///< what the own camera shows
+    Reprojection own;                     ///< what the own camera shows
+    Mask missing;                         ///< 1 where it gives no colour
+    std::vector<Reprojection> neighbors;  ///< scratch
 };
-ShiftedSeam seam_shifted(const std::vector<SeamCamera>& rig, int own, const ShiftedCamera& shifted,
-                         const SeamOptions& options);
+void seam_shifted(const std::vector<SeamCamera>& rig, int own, const ShiftedCamera& shifted,
+                  const SeamOptions& options, ShiftedSeam& out);
+inline ShiftedSeam seam_shifted(const std::vector<SeamCamera>& rig, int own, const ShiftedCamera& shifted,
+                                const SeamOptions& options) {
+    ShiftedSeam out;
+    seam_shifted(rig, own, shifted, options, out);
+    return out;
+}
 
 /// The recorded view: `lost` pixels (the paper's M) from the neighbours, all others as recorded.
 Seam seam_recorded(const std::vector<SeamCamera>& rig, int own, const Mask& lost, const SeamOptions& options);

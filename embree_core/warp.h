@@ -17,13 +17,24 @@ class Sampler {
 public:
     /// All three must stay alive; `field` is of the recorded camera.
     Sampler(const SurfaceField& field, const ColorImage& image, const ProjectiveMap& shifted_from_recorded);
-    /// At an image position of R; whatever the position the result is a mean of pixels of one surface.
-    glm::vec3 at(glm::vec2 source_px) const;
+    /// At an image position of R that V shows at `shifted_px`; whatever they are the result is a mean of pixels of one
+    /// surface.
+    glm::vec3 at(glm::vec2 source_px, glm::vec2 shifted_px) const;
+    /// `at`, unless the place is an edge and these are dropped: then false.
+    bool sample(glm::vec2 source_px, glm::vec2 shifted_px, EdgeBand edge, glm::vec3& color) const;
     /// Whether the position lies on the far side of a tear, nearer to it than the last pixel's centre.
     bool is_edge(glm::vec2 source_px) const;
 
 private:
-    glm::vec3 wide(int px, int py, glm::vec2 g, glm::vec2 reach) const;
+    struct Place {
+        int px, py;    ///< the pixel that the position belongs to
+        float dx, dy;  ///< from its centre
+    };
+    Place place(glm::vec2 source_px) const;
+    bool is_edge(const Place& at) const;
+    glm::vec3 at(const Place& at, glm::vec2 source_px, glm::vec2 shifted_px) const;
+    glm::vec3 torn(const Place& at) const;
+    glm::vec3 wide(const Place& at, glm::vec2 reach) const;
     SurfaceField field_;
     const ColorImage& image_;
     float x_[4], y_[4], z_[4];
@@ -35,6 +46,8 @@ struct Warped {
     Mask missing;
 };
 Warped warp(const Reprojection& shown, const Sampler& sampler, EdgeBand edge);
+/// The same into memory of an earlier frame.
+void warp(const Reprojection& shown, const Sampler& sampler, EdgeBand edge, ColorImage& color, Mask& missing);
 /// The same from the whole rig: `samplers[k]` belongs to view k.
 Warped warp(const ShiftedHoles& seen, const std::vector<Sampler>& samplers, EdgeBand edge);
 

@@ -13,6 +13,8 @@ from base_case import HEIGHT, WIDTH, exr, exr_window, npy, pfm, png, scene_depth
 
 MASK = "mask r.vshift -o out/m.exr"
 WARP = "warp r.vshift -o out/m.exr"
+SEAM = "seam r.vshift -o out/m.exr"
+CONDITION = "condition r.vshift -o out/m.exr"
 IO, LIMIT = 4, 5
 
 
@@ -190,6 +192,30 @@ REQUEST = [
     ("frame -1", good, MASK + " --frame=-1", 3, R + "frame: got '-1', expected a whole number >= 0"),
     ("sweep of the rig", good, MASK + " --method sweep --from rig", 3, R + r"method: got 'sweep' for out=mask, from=rig, expected"),
     ("unknown method", good, MASK + " --method embre", 3, R + r"method: got 'embre', expected one of .*did you mean embree\?"),
+    ("raster of a mask", good, MASK + " --method raster", 3, R + r"method: got 'raster' for out=mask, from=self, expected out=holes"),
+    ("sweep of a seam", good, SEAM + " --method sweep", 3, R + r"method: got 'sweep' for out=seam, from=self, expected .*method=raster"),
+    ("seam from the rig", good, SEAM + " --from rig", 3, R + "from: got 'rig' for out=seam, expected self"),
+    ("unknown edge", good, SEAM + " --edge dropp", 3, R + r"edge: got 'dropp', expected .*did you mean drop\?"),
+    ("unknown match", good, SEAM + " --match colour", 3, R + r"match: got 'colour', expected .*did you mean color\?"),
+    ("unknown arm", good, CONDITION + " --arm litteral", 3, R + r"arm: got 'litteral', expected .*did you mean literal\?"),
+    ("arm of the other view", good, CONDITION + " --arm literal --view shifted", 3, R + "view: got 'shifted', expected recorded for arm=literal"),
+    ("splat of the recorded view", good, CONDITION + " --arm splat", 3, R + "view: got 'recorded', expected shifted for arm=splat"),
+    ("stride 0", good, CONDITION + " --stride 0", 3, R + "stride: got '0', expected a whole number from 1 to 256"),
+    ("stride 1.5", good, CONDITION + " --stride 1.5", 3, R + "stride: got '1.5', expected a whole number"),
+    ("stride of a seam", good, SEAM + " --stride 8", 3, "usage: .*--stride"),
+    ("depth tolerance 2", good, SEAM + " --depth-tolerance 2", 3, R + "depth_tolerance: got '2', expected a share of the depth"),
+    ("seed -1", good, SEAM + " --noise-seed=-1", 3, R + "noise_seed: got '-1', expected a whole number"),
+    ("exposure nan", good, SEAM + " --noise-exposure nan", 3, R + "noise_exposure: got 'nan', expected a finite number"),
+    ("white balance 9", good, SEAM + " --noise-white-balance 9", 3, R + "noise_white_balance: got '9', expected stops"),
+    ("pose -1", good, SEAM + " --noise-pose-m=-1", 3, R + "noise_pose_m: got '-1', expected metres from 0 to 10"),
+    ("pose 90 degrees", good, SEAM + " --noise-pose-deg 90", 3, R + "noise_pose_deg: got '90', expected degrees from 0 to 45"),
+    ("time 11", good, SEAM + " --noise-time-s 11", 3, R + "noise_time_s: got '11', expected seconds from 0 to 10"),
+    ("depth scale 2", good, SEAM + " --noise-depth-scale 2", 3, R + "noise_depth_scale: got '2', expected a share"),
+    ("depth bias -1", good, SEAM + " --noise-depth-bias-m=-1", 3, R + "noise_depth_bias_m: got '-1', expected metres"),
+    ("depth blur 65", good, SEAM + " --noise-depth-blur-px 65", 3, R + "noise_depth_blur_px: got '65', expected pixels"),
+    ("depth field x", good, SEAM + " --noise-depth-field x", 3, R + "noise_depth_field: got 'x', expected a finite number"),
+    ("noise key of a recipe", top(noise_pose_m="far"), MASK, 3, R + "noise_pose_m: got 'far', expected a finite number"),
+    ("no image for a seam", without("cameras", "image"), SEAM, 3, R + "A: image: got nothing, expected a picture"),
     ("unknown view", good, MASK + " --view shift", 3, R + r"view: got 'shift', expected .*did you mean shifted\?"),
     ("view of another out", good, MASK + " --view shifted", 3, R + "view: got 'shifted', expected recorded for out=mask"),
     ("tolerance -1", good, MASK + " --tolerance-px=-1", 3, R + "tolerance_px: got '-1', expected 0"),

@@ -38,7 +38,9 @@ TIME_LIMIT_S = 120 if ASAN else 30
 MASK = ("lost", "occluded", "outside", "unknown", "unseen")
 HOLES = ("disoccluded", "hole", "outside")   # in the order of an EXR
 WARP = ("R", "G", "B", "Z", "hole")
-CHANNELS = {"mask": MASK, "holes": HOLES, "warp": WARP}
+SEAM = ("R", "G", "B", "source")
+CONDITION = ("R", "G", "B", "hole", "neighbor", "own")
+CHANNELS = {"mask": MASK, "holes": HOLES, "warp": WARP, "seam": SEAM, "condition": CONDITION}
 
 
 # -- running ----------------------------------------------------------------------------------------

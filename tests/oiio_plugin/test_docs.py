@@ -71,7 +71,8 @@ class Examples(Case):
         out = self.folder / f"program_{verb}_{'_'.join(words)}.exr"
         if out.exists():
             return pixels(out)[0]
-        result = run([VSHIFT, verb, self.folder / "good/drive.vshift", "--camera", "CAM_FRONT", "--shift", "0,1,0", *words, "-o", out],
+        shift = () if "--shift" in words else ("--shift", "0,1,0")
+        result = run([VSHIFT, verb, self.folder / "good/drive.vshift", "--camera", "CAM_FRONT", *shift, *words, "-o", out],
                      env=environment(plugin=False))
         self.assertEqual(result.code, 0, result)
         return pixels(out)[0]
@@ -173,6 +174,23 @@ class Examples(Case):
         for channel in "RGB":
             self.assertLess(np.abs(got[channel] - warp[channel])[~hole].max(), 1e-5, channel)
         self.assertGreater(sum(got[c] for c in "RGB")[hole].min(), 0, "every hole is closed")
+
+    def shows_six(self, folder):
+        seam = self.program("seam", "--shift", "0,2,0")
+        got, _ = pixels(folder / "six.exr")
+        for channel in "RGB":
+            self.assertTrue((got[channel] == seam[channel]).all(), channel)
+        filled = seam["source"] > 0
+        self.assertGreater(filled.mean(), 0.02, "neighbours fill something")
+        warp = self.program("warp", "--shift", "0,2,0")
+        self.assertTrue((warp["hole"][filled] == 1).all(), "holes only")
+
+    def shows_condition(self, folder):
+        full, shares = pixels(folder / "condition.exr")[0], pixels(folder / "shares.exr")[0]
+        for channel in ("own", "neighbor", "hole"):
+            blocks = full[channel].reshape(15, 16, 20, 16).mean((1, 3))
+            self.assertLess(np.abs(blocks - shares[channel]).max(), 1e-6, channel)
+        self.assertLess(np.abs(sum(shares[c] for c in ("own", "neighbor", "hole")) - 1).max(), 1e-6)
 
     def shows_m(self, folder):
         """live.exr: the millimetres of frame 1's own depth."""

@@ -34,6 +34,11 @@ REQUESTS = (
     ("coarser mesh", "tolerance_px=5", "tolerance_px: got '5'"),
     ("unknown method", "method=embre", "did you mean embree?"),
     ("far clear", "clear_m=1e9", "clear_m: got '1e9'"),
+    ("unknown arm", "out=condition&arm=splatt", "did you mean splat?"),
+    ("arm of another view", "out=condition&arm=splat", "view: got 'recorded', expected shifted for arm=splat"),
+    ("stride 0", "out=condition&stride=0", "stride: got '0', expected a whole number from 1 to 256"),
+    ("seam from the rig", "out=seam&from=rig", "from: got 'rig' for out=seam, expected self"),
+    ("huge noise", "out=seam&noise_pose_m=1e3", "noise_pose_m: got '1e3', expected metres from 0 to 10"),
 )
 SAID_BY_PROGRAM = ("bad number", "enormous number", "enormous frame", "unknown camera", "view of another out", "far clear")
 # Those that only a query can have.

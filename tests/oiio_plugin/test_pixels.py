@@ -11,11 +11,21 @@ MINIMAL = (
     ("random", "warp", "shift=0.5,-2,0.1&from=rig"),
     ("rig_box", "mask", "camera=CAM_BACK_LEFT&shift=0,2,0&yaw_deg=-10&from=rig&frame=1&clear_m=0.5"),
     ("rig_box", "holes", "camera=CAM_FRONT&shift=0,2,0&from=rig"),
+    ("rig_box", "holes", "camera=CAM_FRONT&shift=0,2,0&method=embree"),
+    ("rig_box", "warp", "camera=CAM_FRONT&shift=0,2,0&edge=keep"),
+    ("rig_box", "seam", "camera=CAM_FRONT&shift=0,2,0&match=exposure"),
+    ("rig_box", "seam", "camera=CAM_FRONT_LEFT&shift=0,-1,0&view=recorded&noise_exposure=0.5&noise_depth_scale=0.05&noise_pose_deg=0.5&noise_seed=3"),
+    ("rig_box", "condition", "camera=CAM_FRONT&shift=0,2,0&stride=16"),
+    ("rig_box", "condition", "camera=CAM_FRONT&shift=0,2,0&view=shifted&arm=splat"),
+    ("rig_box", "condition", "camera=CAM_FRONT&shift=0,2,0&arm=literal"),
+    ("rig_box", "condition", "camera=CAM_FRONT&shift=0,2,0&arm=double_warp"),
 )
 LARGE = (
     ("mask", "camera=CAM_FRONT&shift=0,2,0"),
     ("holes", "camera=CAM_LEFT&shift=0.5,-1,0"),
     ("warp", "camera=CAM_FRONT&shift=0,1,0&yaw_deg=2"),
+    ("seam", "camera=CAM_FRONT&shift=0,2,0"),
+    ("condition", "camera=CAM_FRONT&shift=0,2,0"),
 )
 
 

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+// Role: the rasteriser's vectorised loops, chosen for the machine when the program runs (Highway). No fused
+// operations, so every machine gives the same bytes.
+#pragma once
+#include <cstddef>
+#include <cstdint>
+
+namespace vshift::raster {
+
+constexpr size_t most_cells = 64, padding = 16;
+
+/// Corners of a row of cells: 1/z and tears (lift.h) in R; in V the pixel (centres at whole numbers), 1/Z, and 1/Z'
+/// (-1: behind V).
+struct Row {
+    float w[most_cells + padding] = {};
+    uint8_t tears[most_cells + padding] = {};
+    float x[most_cells + padding] = {}, y[most_cells + padding] = {}, q[most_cells + padding] = {},
+          r[most_cells + padding] = {};
+};
+
+/// The projective map of (u, v, 1, 1/z) with pixel centres at whole numbers.
+struct Map {
+    float x[4], y[4], z[4];
+};
+
+/// What became of each cell of a row.
+enum Kind : int32_t { nothing = 0, drawn = 1, wide = 2, split = 3 };
+struct Cells {
+    int32_t kind[most_cells + padding];
+    int32_t x[most_cells + padding], y[most_cells + padding];  ///< drawn: the first of up to 2x2 pixels
+    int32_t hits[most_cells + padding];                        ///< drawn: bit dx + 2 dy: pixel (x + dx, y + dy) is covered
+    float q[4][most_cells + padding], u[4][most_cells + padding], v[4][most_cells + padding];
+};
+
+/// Pixels of V that may be written: [0, width) x [y0, y1).
+struct Window {
+    float width, y0, y1;
+};
+
+struct Kernels {
+    /// Corners (u0 + i, v) for i < n: from w and tears to all else.
+    void (*transform)(const Map& map, float u0, float v, size_t n, Row& row);
+    /// Cells between two rows of corners; the first one's upper left corner is pixel (u0, v0) of R.
+    void (*cells)(const Row& above, const Row& below, float u0, float v0, const Window& window, size_t n, Cells& out);
+};
+
+const Kernels& kernels();
+
+}  // namespace vshift::raster
