@@ -61,7 +61,7 @@ def tables(scores):
     ablation = [{"arm": arm, "name": arm_name(arm), "source": split(arm)[0],
                  "cells": [{"lost": one(scores, arm=arm, shift=s, region="lost"), "hole": one(scores, arm=arm, shift=s, region="hole"),
                             "best_lost": best["lost", s], "best_hole": best["hole", s]} for s in steps]} for arm in names]
-    regions = [{"region": region, "words": words, "rows": [(arm_name(a), r) for a in names if (r := one(scores, arm=a, shift="all", region=region))]}
+    regions = [{"region": region, "words": words, "rows": [(arm_name(a), r) for a in picture_arms(scores) if (r := one(scores, arm=a, shift="all", region=region))]}
                for region, words in REGIONS.items()]
     consistency = [{"name": arm_name(arm), "temporal": {r["region"]: r for r in pool.select(scores.get("temporal", []), arm=arm, shift="all")},
                     "overlap": {r["region"]: r for r in pool.select(scores.get("overlap", []), arm=arm, shift="all")}} for arm in names]
