@@ -5,8 +5,7 @@
 #include <cmath>
 #include <limits>
 
-#include "embree_core/raster_kernels.h"
-#include "embree_core/reproject.h"
+#include "embree_core/raster_map.h"
 #include "embree_core/surface_field.h"
 
 // Signs of edge functions must be exact opposites for the two triangles at an edge: built without fused operations.
@@ -14,86 +13,21 @@
 namespace vshift {
 namespace {
 
+using raster::Bounds;
+using raster::ceiling;
+using raster::Corner;
+using raster::FloatMap;
+using raster::nearest_share;
+using raster::Range;
+using raster::reach_of;
+
 // Cells are taken in tiles, pixels of V in bands of rows. A band belongs to one task, and tiles come in order: the
 // result does not depend on who did what.
 constexpr int tile_columns = raster::most_cells, tile_rows = 16, band_rows = 64, block = 16;
-// Z' = Z / z below this is behind V or too near to its plane.
-constexpr float nearest_share = 1e-5f;
 // Laid over the place of a back face until a band is finished: farther left than any image.
 constexpr float back_mark = 65536;
 // A wall stands before a surface when it is nearer by more than rounding; walls that meet leave no gap.
 constexpr float wall_margin = 1 + 1e-5f, wall_reach_px = 1.0f / 512;
-
-struct Corner {
-    float x, y;  ///< pixel of V, centres at whole numbers
-    float q;     ///< 1/Z
-    float r;     ///< 1/Z'; negative: behind V
-    float u, v;  ///< pixel of R, centres at whole numbers
-};
-
-/// std::ceil of what an int holds, without a call.
-int ceiling(float value) {
-    const int whole = int(value);
-    return whole + (float(whole) < value);
-}
-
-struct Range {
-    int x0 = 0, x1 = 0, y0 = 0, y1 = 0;  ///< half open
-    bool empty() const { return x0 >= x1 || y0 >= y1; }
-};
-
-/// The pixel map with centres at whole numbers on both sides, as floats.
-struct FloatMap : raster::Map {
-    explicit FloatMap(const ProjectiveMap& m) {
-        const auto row = [&](int i, double centre, float* out) {
-            const auto value = [&](const glm::dvec3& column) { return column[i] - centre * column[2]; };
-            out[0] = float(value(m.turn[0]));
-            out[1] = float(value(m.turn[1]));
-            out[2] = float(value(m.turn[2]) + 0.5 * (value(m.turn[0]) + value(m.turn[1])));
-            out[3] = float(value(m.move));
-        };
-        row(0, 0.5, x);
-        row(1, 0.5, y);
-        row(2, 0, z);
-    }
-    /// In the same steps as the kernels: shared corners are the same to the bit.
-    glm::vec3 at(float u, float v, float w) const {
-        const auto dot = [&](const float* m) { return m[0] * u + ((m[1] * v + m[2]) + m[3] * w); };
-        return {dot(x), dot(y), dot(z)};
-    }
-    Corner corner(float u, float v, float w) const {
-        const glm::vec3 h = at(u, v, w);
-        const float r = h.z > nearest_share ? 1 / h.z : -1.0f;
-        return {h.x * r, h.y * r, w * r, r, u, v};
-    }
-};
-
-/// Bounds of 1/z.
-struct Bounds {
-    float low = std::numeric_limits<float>::infinity(), high = 0;
-};
-
-/// What a box of R can reach in V: the map is fractional linear, so its bounds over a box of (u, v, w) are at the
-/// corners.
-Range reach_of(const FloatMap& map, float u0, float u1, float v0, float v1, Bounds w, int width, int height) {
-    constexpr float slack = 0.01f;  // walls' reach, rounding
-    float left = std::numeric_limits<float>::infinity(), right = -left, top = left, bottom = -left;
-    int behind = 0;
-    for (int i = 0; i < 8; ++i) {
-        const glm::vec3 h = map.at(i & 1 ? u1 : u0, i & 2 ? v1 : v0, i & 4 ? w.high : w.low);
-        if (!(h.z > nearest_share)) {
-            ++behind;
-            continue;
-        }
-        left = std::min(left, h.x / h.z), right = std::max(right, h.x / h.z);
-        top = std::min(top, h.y / h.z), bottom = std::max(bottom, h.y / h.z);
-    }
-    if (behind == 8) return {};
-    if (behind) return {0, width, 0, height};
-    const auto whole = [](float value, int limit) { return int(std::clamp(value, 0.0f, float(limit))); };
-    return {whole(std::ceil(left - slack), width), whole(std::floor(right + slack) + 1, width),
-            whole(std::ceil(top - slack), height), whole(std::floor(bottom + slack) + 1, height)};
-}
 
 /// Whether a pixel exactly on the edge a -> b belongs to the triangle on its inner side.
 bool owns_edge(float dx, float dy) {
@@ -270,8 +204,9 @@ private:
 
     /// Pixels whose centres may lie inside; at the far sides the edge rule gives them to the next triangle.
     Range candidates(float x0, float x1, float y0, float y1) const {
-        return {ceiling(std::max(x0, 0.0f)), ceiling(std::min(x1, float(width_))), ceiling(std::max(y0, float(y0_))),
-                ceiling(std::min(y1, float(y1_)))};
+        const float left = 0, right = float(width_), top = float(y0_), bottom = float(y1_);
+        return {ceiling(std::clamp(x0, left, right)), ceiling(std::clamp(x1, left, right)),
+                ceiling(std::clamp(y0, top, bottom)), ceiling(std::clamp(y1, top, bottom))};
     }
 
     bool wanted(int x, int y) const { return !where_ || where_->at(x, y); }
@@ -405,8 +340,8 @@ private:
             x[i] = points[i].h.x * r, y[i] = points[i].h.y * r, q[i] = points[i].w * r;
             top = std::min(top, y[i]), bottom = std::max(bottom, y[i]);
         }
-        const int first = int(std::ceil(std::max(top - wall_reach_px, float(y0_))));
-        const int last = int(std::floor(std::min(bottom + wall_reach_px, float(y1_ - 1))));
+        const int first = int(std::ceil(std::clamp(top - wall_reach_px, float(y0_), float(y1_))));
+        const int last = int(std::floor(std::clamp(bottom + wall_reach_px, float(y0_ - 1), float(y1_ - 1))));
         for (int row = first; row <= last; ++row) {
             const float level = std::clamp(float(row), top, bottom);
             float left = std::numeric_limits<float>::infinity(), right = -left, q_left = 0, q_right = 0;
@@ -426,8 +361,8 @@ private:
                 }
             }
             if (!(left <= right)) continue;
-            const int x0 = int(std::ceil(std::max(left - wall_reach_px, 0.0f)));
-            const int x1 = int(std::floor(std::min(right + wall_reach_px, float(width_ - 1))));
+            const int x0 = int(std::ceil(std::clamp(left - wall_reach_px, 0.0f, float(width_))));
+            const int x1 = int(std::floor(std::clamp(right + wall_reach_px, -1.0f, float(width_ - 1))));
             const float slope = right > left ? (q_right - q_left) / (right - left) : 0;
             float* to_wall = &out_.wall[size_t(row) * size_t(width_)];
             for (int px = x0; px <= x1; ++px) {
@@ -469,62 +404,6 @@ Bounds bounds_of(const SurfaceView& view, int tile_x, int tile_y) {
 }
 
 }  // namespace
-
-ProjectiveMap projective_map(const Intrinsics& from, const Pose& world_from_from, const Intrinsics& to,
-                             const Pose& world_from_to) {
-    const Pose to_from_from = compose(inverse(world_from_to), world_from_from);
-    const glm::dmat3 pixel(glm::dvec3(to.fx, 0, 0), glm::dvec3(0, to.fy, 0), glm::dvec3(to.cx, to.cy, 1));
-    const glm::dmat3 ray(glm::dvec3(1 / from.fx, 0, 0), glm::dvec3(0, 1 / from.fy, 0),
-                         glm::dvec3(-from.cx / from.fx, -from.cy / from.fy, 1));
-    return {pixel * to_from_from.rotation * ray, pixel * to_from_from.translation_m};
-}
-
-SurfaceView surface_view(const Intrinsics& intrinsics, const Pose& world_from_cam, const DepthMap& depth,
-                         const glm::dvec3& shifted_centre_m) {
-    SurfaceView view;
-    surface_view(intrinsics, world_from_cam, depth, shifted_centre_m, view);
-    return view;
-}
-
-void surface_view(const Intrinsics& intrinsics, const Pose& world_from_cam, const DepthMap& depth,
-                  const glm::dvec3& shifted_centre_m, SurfaceView& view) {
-    if (depth.width != intrinsics.width || depth.height != intrinsics.height || depth.width < 1 || depth.height < 1)
-        throw Error(ExitCode::bad_input,
-                    "depth: size: got " + std::to_string(depth.width) + "x" + std::to_string(depth.height) +
-                        ", expected " + std::to_string(intrinsics.width) + "x" + std::to_string(intrinsics.height));
-    view.intrinsics = intrinsics, view.world_from_cam = world_from_cam;
-    view.invalid_px = view.sky_px = 0;
-    if (view.inverse_depth.width != depth.width || view.inverse_depth.height != depth.height)
-        view.inverse_depth = Grid<float>(depth.width, depth.height);
-    struct Row {
-        uint32_t invalid = 0, sky = 0;
-        float nearest_m = 1e12f;
-    };
-    std::vector<Row> rows(static_cast<size_t>(depth.height));
-    tbb::parallel_for(0, depth.height, [&](int y) {
-        const float* z = &depth.data[size_t(y) * size_t(depth.width)];
-        float* w = &view.inverse_depth.data[size_t(y) * size_t(depth.width)];
-        Row row;
-        for (int x = 0; x < depth.width; ++x) {
-            const bool sky = is_sky(z[x]), valid = is_measured(z[x]);
-            row.sky += sky;
-            row.invalid += !sky & !valid;
-            row.nearest_m = valid && z[x] < row.nearest_m ? z[x] : row.nearest_m;
-            w[x] = sky ? 0.0f : valid ? 1.0f / z[x] : std::numeric_limits<float>::quiet_NaN();
-        }
-        rows[size_t(y)] = row;
-    });
-    float nearest_m = 1e12f;
-    for (const Row& row : rows) {
-        view.invalid_px += row.invalid;
-        view.sky_px += row.sky;
-        nearest_m = std::min(nearest_m, row.nearest_m);
-    }
-    view.wall_top = wall_top_of_nearest / nearest_m;
-    LiftOptions options;
-    options.baseline_m = glm::length(shifted_centre_m - world_from_cam.translation_m);
-    find_tears(intrinsics, view.inverse_depth, options, view.tears);
-}
 
 bool reproject(const SurfaceView& view, const ShiftedCamera& shifted, const Mask* where, Reprojection& out) {
     const Intrinsics& target = shifted.intrinsics;

@@ -1,18 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
-// Micro-benchmarks of lift, build, cast and sweep on an analytic street at 1600x900, per frame and in rays (one
+// Micro-benchmarks of lift, build, cast, sweep, warp and seam on an analytic street at 1600x900, per frame and in rays (one
 // per pixel) per second of wall time. Built only where Google Benchmark is found:
 //     ninja vshift_microbench && bin/vshift_microbench --benchmark_min_time=1
 #include <benchmark/benchmark.h>
 #include <tbb/global_control.h>
 
 #include "benchmark/engine/methods.h"
+#include "embree_core/condition.h"
 
 namespace vshift::bench {
 namespace {
 
 const World& world() {
     static const analytic::StreetScene street = analytic::build_street(1);
-    static const World made(street, 1600, 2);
+    static const World made(street, 1600, 3);
     return made;
 }
 
@@ -95,6 +96,58 @@ void copy(benchmark::State& state) {
     one_method(state, copy_loop());
 }
 
+/// Warp, seam and condition of one camera from itself and its two neighbours; colours are made up, their cost is not.
+struct SeamSetting {
+    std::array<int, 3> cameras{0, 1, 2};
+    ShiftedCamera v;
+    std::array<ColorImage, 3> colors;
+    std::array<SurfaceView, 3> surfaces;
+    std::vector<SeamCamera> rig{3};
+    ShiftedSeam seam;
+
+    explicit SeamSetting(const Job& job) : v{job.shifted.intrinsics, job.shifted.world_from_cam} {
+        for (size_t i = 0; i < 3; ++i) {
+            const DepthMap& depth = world().depth[size_t(cameras[i])];
+            colors[i] = ColorImage(depth.width, depth.height);
+            for (size_t p = 0; p < depth.size(); ++p) colors[i].data[p] = glm::vec3(float(p % 251) / 251);
+            rig[i].surface = &surfaces[i];
+            rig[i].image = &colors[i];
+        }
+    }
+    void lift() {
+        for (size_t i = 0; i < 3; ++i) {
+            const TrueCamera camera = world().recorded(cameras[i]);
+            surface_view(camera.intrinsics, camera.world_from_cam, world().depth[size_t(cameras[i])],
+                         v.world_from_cam.translation_m, surfaces[i]);
+        }
+    }
+};
+void warp_alone(benchmark::State& state) {
+    const Setting at(front, state.range(1));
+    SeamSetting room(at.job);
+    room.lift();
+    const SurfaceView& own = room.surfaces[0];
+    const Sampler sampler({own.inverse_depth, own.tears}, room.colors[0],
+                          projective_map(own.intrinsics, own.world_from_cam, room.v.intrinsics, room.v.world_from_cam));
+    for (auto _ : state) {
+        reproject(own, room.v, nullptr, room.seam.own);
+        warp(room.seam.own, sampler, EdgeBand::drop, room.seam.seam.color, room.seam.missing);
+    }
+    count_rays(state, at.job);
+}
+void warp_seam_condition(benchmark::State& state) {
+    const Setting at(front, state.range(1));
+    SeamSetting room(at.job);
+    for (auto _ : state) {
+        room.lift();
+        seam_shifted(room.rig, 0, room.v, {}, room.seam);
+        Condition made = condition_of(std::move(room.seam.seam), 0);
+        benchmark::DoNotOptimize(made.own.data.data());
+        room.seam.seam.color = std::move(made.color);
+    }
+    count_rays(state, at.job);
+}
+
 void meshes(benchmark::internal::Benchmark* b) {
     b->ArgNames({"tolerance_px/100", "side", "threads"})->Unit(benchmark::kMillisecond)->UseRealTime();
     for (const int64_t tolerance : {0, 2, 10})
@@ -109,6 +162,12 @@ void pictures(benchmark::internal::Benchmark* b) {
 
 BENCHMARK(copy)->Apply(pictures);
 BENCHMARK(sweep)->Apply(pictures);
+void front_pictures(benchmark::internal::Benchmark* b) {
+    b->ArgNames({"side", "threads"})->Unit(benchmark::kMillisecond)->UseRealTime()->MeasureProcessCPUTime();
+    for (const int64_t threads : {1, 2}) b->Args({front, threads});
+}
+BENCHMARK(warp_alone)->Apply(front_pictures);
+BENCHMARK(warp_seam_condition)->Apply(front_pictures);
 BENCHMARK(lift)->Apply(meshes);
 BENCHMARK(build)->Apply(meshes);
 BENCHMARK(cast)->Apply(meshes);
