@@ -14,12 +14,12 @@ namespace vshift {
 namespace {
 
 constexpr int directions = 16;
-constexpr int step[directions][2] = {{1, 0},  {0, 1},  {-1, 0}, {0, -1}, {1, 1},   {-1, 1},  {-1, -1}, {1, -1},
-                                     {2, 1},  {1, 2},  {-1, 2}, {-2, 1}, {-2, -1}, {-1, -2}, {1, -2},  {2, -1}};
-constexpr int open_directions = 5;         // from so many on that leave the image, the hole is out of frame
-constexpr float far_inverse_m = 0.005f;    // beyond 200 m all is equally far
+constexpr int step[directions][2] = {{1, 0}, {0, 1}, {-1, 0}, {0, -1}, {1, 1},   {-1, 1},  {-1, -1}, {1, -1},
+                                     {2, 1}, {1, 2}, {-1, 2}, {-2, 1}, {-2, -1}, {-1, -2}, {1, -2},  {2, -1}};
+constexpr int open_directions = 5;       // from so many on that leave the image, the hole is out of frame
+constexpr float far_inverse_m = 0.005f;  // beyond 200 m all is equally far
 constexpr int smoothing_passes = 2;
-constexpr float nearest_counted = 0.5f;    // as a share of the background's distance
+constexpr float nearest_counted = 0.5f;  // as a share of the background's distance
 
 void require_size(const char* field, int width, int height, const ColorImage& color) {
     if (width != color.width || height != color.height)
@@ -97,8 +97,9 @@ FillMethod fill_method(const std::string& name, const std::string& where) {
     const auto& names = fill_method_names();
     const auto found = std::find(names.begin(), names.end(), name);
     if (found == names.end())
-        throw Error(ExitCode::bad_input, where + ": got '" + name + "', expected background, pushpull, telea or ns (nearest: " +
-                                             nearest_word(name, names) + ")");
+        throw Error(ExitCode::bad_input,
+                    where + ": got '" + name +
+                        "', expected background, pushpull, telea or ns (nearest: " + nearest_word(name, names) + ")");
     return FillMethod(found - names.begin());
 }
 

@@ -43,7 +43,8 @@ ColorImage opencv_inpaint(const HoledView& view, double radius_px, int method) {
         for (int x = 0; x < width; ++x)
             if (view.hole.at(x, y))
                 for (int c = 0; c < 3; ++c)
-                    out.at(x, y)[c] = on_ring(x, y) ? ring.at(x, y)[c] : float(linear_from_srgb(filled.at<cv::Vec3b>(y, x)[c] / 255.0));
+                    out.at(x, y)[c] = on_ring(x, y) ? ring.at(x, y)[c]
+                                                    : float(linear_from_srgb(filled.at<cv::Vec3b>(y, x)[c] / 255.0));
     return out;
 }
 

@@ -18,10 +18,10 @@ using Kernel = std::vector<double>;  // 2 radius + 1 weights
 const double pi = std::acos(-1.0);
 
 // Linear sRGB to XYZ for D65, as the exact fractions of the primaries; the white point is the image of (1,1,1).
-const glm::dmat3 xyz_from_rgb = glm::transpose(
-    glm::dmat3(dvec3(10135552.0 / 24577794, 8788810.0 / 24577794, 4435075.0 / 24577794),
-               dvec3(2613072.0 / 12288897, 8788810.0 / 12288897, 887015.0 / 12288897),
-               dvec3(1425312.0 / 73733382, 8788810.0 / 73733382, 70074185.0 / 73733382)));
+const glm::dmat3 xyz_from_rgb =
+    glm::transpose(glm::dmat3(dvec3(10135552.0 / 24577794, 8788810.0 / 24577794, 4435075.0 / 24577794),
+                              dvec3(2613072.0 / 12288897, 8788810.0 / 12288897, 887015.0 / 12288897),
+                              dvec3(1425312.0 / 73733382, 8788810.0 / 73733382, 70074185.0 / 73733382)));
 const glm::dmat3 rgb_from_xyz = glm::inverse(xyz_from_rgb);
 const dvec3 white = xyz_from_rgb * dvec3(1);
 
@@ -107,8 +107,8 @@ Opponent opponent_of(const ColorImage& image) {
     tbb::parallel_for(0, image.height, [&](int row) {
         for (int x = 0; x < image.width; ++x) {
             const glm::vec3& s = image.at(x, row);
-            const dvec3 c =
-                ycxcz_from_rgb({linear_from_srgb(double(s.r)), linear_from_srgb(double(s.g)), linear_from_srgb(double(s.b))});
+            const dvec3 c = ycxcz_from_rgb(
+                {linear_from_srgb(double(s.r)), linear_from_srgb(double(s.g)), linear_from_srgb(double(s.b))});
             out.y.at(x, row) = float(c.x), out.cx.at(x, row) = float(c.y), out.cz.at(x, row) = float(c.z);
         }
     });
@@ -176,8 +176,8 @@ Grid<float> flip_map(const ColorImage& got, const ColorImage& truth, double ppd)
     Grid<float> out(truth.width, truth.height);
     tbb::parallel_for(size_t(0), out.size(), [&](size_t i) {
         const double d = std::pow(hyab(look_a.data[i], look_b.data[i]), color_power), bend = knee * most;
-        const double color = d < bend ? d * knee_value / bend
-                                      : knee_value + (d - bend) / (most - bend) * (1 - knee_value);
+        const double color =
+            d < bend ? d * knee_value / bend : knee_value + (d - bend) / (most - bend) * (1 - knee_value);
         const double feature = std::max(std::abs(feature_a.edge.data[i] - feature_b.edge.data[i]),
                                         std::abs(feature_a.point.data[i] - feature_b.point.data[i]));
         out.data[i] = float(std::pow(color, 1 - std::pow(feature / std::sqrt(2.0), feature_power)));

@@ -12,7 +12,6 @@ inline constexpr double flip_pixels_per_degree = 3840 / 0.7 * 0.7 * 3.1415926535
 /// Per pixel 0 (no difference) to 1. Both images display-referred sRGB in 0..1, of one size (Error bad_input). The
 /// border is continued by its outermost pixels. A pixel's value hangs on some 10 pixels around it, and so does the
 /// mean over a region.
-Grid<float> flip_map(const ColorImage& got, const ColorImage& truth,
-                     double pixels_per_degree = flip_pixels_per_degree);
+Grid<float> flip_map(const ColorImage& got, const ColorImage& truth, double pixels_per_degree = flip_pixels_per_degree);
 
 }  // namespace vshift

@@ -80,7 +80,8 @@ std::vector<Region> regions_of(const Grid<uint8_t>& klass, const Grid<int8_t>& s
     std::vector<Region> regions;
     regions.push_back({"all", where([](uint8_t) { return true; })});
     regions.push_back({"own", where([](uint8_t c) { return c == VSHIFT_SEEN_BY_OWN; })});
-    regions.push_back({"neighbour", where([](uint8_t c) { return c != VSHIFT_SEEN_BY_OWN && c < VSHIFT_NOBODY_OCCLUDED; })});
+    regions.push_back(
+        {"neighbour", where([](uint8_t c) { return c != VSHIFT_SEEN_BY_OWN && c < VSHIFT_NOBODY_OCCLUDED; })});
     regions.push_back({"visible", where([](uint8_t c) { return c < VSHIFT_NOBODY_OCCLUDED; })});
     regions.push_back({"hole", where([](uint8_t c) { return c >= VSHIFT_NOBODY_OCCLUDED; })});
     regions.push_back({"hole_disoccluded", where([](uint8_t c) { return c == VSHIFT_NOBODY_OCCLUDED; })});

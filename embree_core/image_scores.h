@@ -41,10 +41,10 @@ struct Region {
     std::string name;
     Mask mask;
 };
-/// all; own (the own camera saw it), neighbour (only a neighbour did), visible (either); hole (nobody), hole_disoccluded
-/// and hole_outside by reason; lost (the own camera did not: neighbour and hole); seam_band (within `band_px`,
-/// Chebyshev, of a border between two sources, or a source and a hole). `klass` and `source` as in truth.class and
-/// truth.source.
+/// all; own (the own camera saw it), neighbour (only a neighbour did), visible (either); hole (nobody),
+/// hole_disoccluded and hole_outside by reason; lost (the own camera did not: neighbour and hole); seam_band (within
+/// `band_px`, Chebyshev, of a border between two sources, or a source and a hole). `klass` and `source` as in
+/// truth.class and truth.source.
 std::vector<Region> regions_of(const Grid<uint8_t>& klass, const Grid<int8_t>& source, int band_px = 3);
 
 /// What one frame contributes to a pooled mean: sum over pixels, and their number.

@@ -51,7 +51,9 @@ struct Sets {
     const Manifest& manifest;
     std::vector<std::string> arms;
 
-    fs::path got(const std::string& arm, const fs::path& item) const { return manifest.folder() / "fills" / arm / item; }
+    fs::path got(const std::string& arm, const fs::path& item) const {
+        return manifest.folder() / "fills" / arm / item;
+    }
     bool has(const std::string& arm, const fs::path& item) const {
         std::error_code error;
         return fs::exists(got(arm, item), error);
@@ -79,8 +81,8 @@ struct Sets {
         out.regions = regions_of(klass, source);
         out.intrinsics = camera.intrinsics;
         const Shift moved = manifest.shift_of((fs::path("shifts") / item).string(), shift.shift);
-        out.world_from_cam = compose(recipe.world_from_ego(camera.name, frame),
-                                     shifted_ego_from_cam(camera.ego_from_cam, moved));
+        out.world_from_cam =
+            compose(recipe.world_from_ego(camera.name, frame), shifted_ego_from_cam(camera.ego_from_cam, moved));
         return out;
     }
     ColorImage result(const std::string& arm, const fs::path& item, const ColorImage& truth) const {
@@ -120,7 +122,8 @@ void score_drive(const Sets& sets, const NamedShift& shift, const CameraSpec& ca
         std::map<std::string, ColorImage> shown;
         std::optional<TrueView> truth;
         if (!sets.manifest.is_refused((fs::path("shifts") / item).string()) &&
-            std::any_of(sets.arms.begin(), sets.arms.end(), [&](const std::string& arm) { return sets.has(arm, item); })) {
+            std::any_of(sets.arms.begin(), sets.arms.end(),
+                        [&](const std::string& arm) { return sets.has(arm, item); })) {
             truth = sets.truth(shift, frame.index, camera);
             std::optional<Correspondence> match;
             if (before) match = correspond(truth->posed(), before->posed());
@@ -152,7 +155,8 @@ void score_overlap(const Sets& sets, const NamedShift& shift, int frame, Unit& o
     for (const CameraSpec& camera : sets.recipe.cameras) {
         const fs::path item = item_path(shift.name, frame, camera.name);
         if (sets.manifest.is_refused((fs::path("shifts") / item).string())) continue;
-        if (std::any_of(sets.arms.begin(), sets.arms.end(), [&](const std::string& arm) { return sets.has(arm, item); }))
+        if (std::any_of(sets.arms.begin(), sets.arms.end(),
+                        [&](const std::string& arm) { return sets.has(arm, item); }))
             truths.emplace(camera.name, sets.truth(shift, frame, camera));
     }
     std::map<std::pair<std::string, std::string>, Correspondence> matches;
@@ -219,7 +223,8 @@ ordered_json summary_of(const std::vector<Unit>& units) {
                 const RegionScore& s = row.score;
                 ++pool.views;
                 sum.pixels += s.pixels, sum.squared_error += s.squared_error, sum.ssim += s.ssim, sum.flip += s.flip;
-                sum.gradient_error += s.gradient_error, sum.got_energy += s.got_energy, sum.truth_energy += s.truth_energy;
+                sum.gradient_error += s.gradient_error, sum.got_energy += s.got_energy,
+                    sum.truth_energy += s.truth_energy;
                 if (std::isfinite(s.ms_ssim)) {
                     pool.ms_ssim += s.ms_ssim * double(s.pixels);
                     pool.ms_ssim_pixels += s.pixels;
@@ -237,8 +242,12 @@ ordered_json summary_of(const std::vector<Unit>& units) {
             ssim[frame] = {s.ssim, double(s.pixels)};
         }
         const double n = double(sum.pixels);
-        ordered_json row = {{"arm", key[0]}, {"shift", key[1]}, {"camera", key[2]}, {"region", key[3]},
-                            {"frames", pool.frames.size()}, {"views", pool.views}};
+        ordered_json row = {{"arm", key[0]},
+                            {"shift", key[1]},
+                            {"camera", key[2]},
+                            {"region", key[3]},
+                            {"frames", pool.frames.size()},
+                            {"views", pool.views}};
         row.update(image_score_fields(sum.pixels, sum.psnr_db(), sum.ssim / n,
                                       pool.ms_ssim / double(pool.ms_ssim_pixels), sum.flip / n, sum.gradient_error / n,
                                       sum.sharpness()));
@@ -251,7 +260,7 @@ ordered_json summary_of(const std::vector<Unit>& units) {
     return out;
 }
 
-ordered_json consistency_of(const std::vector<Unit>& units, std::vector<PairRow> Unit::* rows) {
+ordered_json consistency_of(const std::vector<Unit>& units, std::vector<PairRow> Unit::*rows) {
     std::map<std::array<std::string, 3>, std::map<int, ConsistencyScore>> pools;
     for (const Unit& unit : units)
         for (const PairRow& row : unit.*rows)
@@ -272,10 +281,16 @@ ordered_json consistency_of(const std::vector<Unit>& units, std::vector<PairRow>
         if (sum.pixels == 0) continue;
         const double n = double(sum.pixels);
         const auto same = [](double mean) { return mean; };
-        out.push_back({{"arm", key[0]}, {"shift", key[1]}, {"region", key[2]}, {"frames", frames.size()},
-                       {"pixels", sum.pixels}, {"difference", sum.difference / n},
-                       {"truth_difference", sum.truth_difference / n}, {"error_change", sum.flicker / n},
-                       {"difference_95", interval_of(difference, same)}, {"error_change_95", interval_of(flicker, same)}});
+        out.push_back({{"arm", key[0]},
+                       {"shift", key[1]},
+                       {"region", key[2]},
+                       {"frames", frames.size()},
+                       {"pixels", sum.pixels},
+                       {"difference", sum.difference / n},
+                       {"truth_difference", sum.truth_difference / n},
+                       {"error_change", sum.flicker / n},
+                       {"difference_95", interval_of(difference, same)},
+                       {"error_change_95", interval_of(flicker, same)}});
     }
     return out;
 }
@@ -302,7 +317,10 @@ ordered_json times_of(const Sets& sets) {
             };
             fill.push_back(number("fill_ms")), warp.push_back(number("warp_ms")), holes.push_back(number("hole_px"));
         }
-        out.push_back({{"arm", arm}, {"views", rows.size()}, {"fill_ms", median(fill)}, {"warp_ms", median(warp)},
+        out.push_back({{"arm", arm},
+                       {"views", rows.size()},
+                       {"fill_ms", median(fill)},
+                       {"warp_ms", median(warp)},
                        {"hole_px", median(holes)}});
     }
     return out;
@@ -360,8 +378,11 @@ ImageScores score_images(const Recipe& recipe, const Manifest& manifest,
         for (const ItemRow& row : unit.items) {
             const RegionScore& s = row.score;
             const double n = double(s.pixels);
-            ordered_json item = {{"arm", row.arm}, {"shift", row.shift.name}, {"frame", row.frame},
-                                 {"camera", row.camera}, {"region", row.region}};
+            ordered_json item = {{"arm", row.arm},
+                                 {"shift", row.shift.name},
+                                 {"frame", row.frame},
+                                 {"camera", row.camera},
+                                 {"region", row.region}};
             item.update(image_score_fields(s.pixels, s.psnr_db(), s.ssim / n, s.ms_ssim, s.flip / n,
                                            s.gradient_error / n, s.sharpness()));
             out.items.push_back(std::move(item));
@@ -374,8 +395,8 @@ ImageScores score_images(const Recipe& recipe, const Manifest& manifest,
 }
 
 std::string image_scores_csv(const ordered_json& items) {
-    const char* keys[] = {"arm",  "shift",   "frame", "camera",         "region",   "pixels", "psnr_db",
-                          "ssim", "ms_ssim", "flip",  "gradient_error", "sharpness"};
+    const char* keys[] = {"arm",     "shift", "frame",   "camera", "region",         "pixels",
+                          "psnr_db", "ssim",  "ms_ssim", "flip",   "gradient_error", "sharpness"};
     std::string text;
     for (const char* key : keys) text += (text.empty() ? "" : ",") + std::string(key);
     text += "\n";
@@ -383,7 +404,9 @@ std::string image_scores_csv(const ordered_json& items) {
         std::string line;
         for (const char* key : keys) {
             const ordered_json& value = row[key];
-            line += (line.empty() ? "" : ",") + (value.is_string() ? value.get<std::string>() : value.is_null() ? "" : value.dump());
+            line += (line.empty() ? "" : ",") + (value.is_string() ? value.get<std::string>()
+                                                 : value.is_null() ? ""
+                                                                   : value.dump());
         }
         text += line + "\n";
     }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Role: the filled views of a set against its true shifted renders: per region, over time, across cameras. Stage: score.
+// Role: the filled views of a set against its true shifted renders: per region, over time, across cameras. Stage:
+// score.
 #pragma once
 #include <functional>
 #include <nlohmann/json.hpp>

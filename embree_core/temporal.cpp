@@ -11,7 +11,7 @@
 namespace vshift {
 namespace {
 
-constexpr double same_share = 0.01;      // of 1/z
+constexpr double same_share = 0.01;  // of 1/z
 constexpr double same_disparity_px = 0.5;
 
 /// Whether the four pixels round an image position lie on one surface, or are all sky.
@@ -22,7 +22,8 @@ bool on_one_surface(const LiftedMesh& mesh, glm::dvec2 u) {
     const int x1 = std::min(x + 1, width - 1), y1 = std::min(y + 1, height - 1);
     if ((mesh.tears.at(x, y) & 3) || (mesh.tears.at(x1, y) & 2) || (mesh.tears.at(x, y1) & 1)) return false;
     const float first = mesh.inverse_depth.at(x, y);
-    for (const float i : {first, mesh.inverse_depth.at(x1, y), mesh.inverse_depth.at(x, y1), mesh.inverse_depth.at(x1, y1)})
+    for (const float i :
+         {first, mesh.inverse_depth.at(x1, y), mesh.inverse_depth.at(x, y1), mesh.inverse_depth.at(x1, y1)})
         if (!(i >= 0) || (i > 0) != (first > 0)) return false;
     return true;
 }

@@ -35,7 +35,7 @@ struct ConsistencyScore {
     uint64_t pixels = 0;
     double difference = 0;        ///< sum of |got_from - got_to at its place|: the warping error
     double truth_difference = 0;  ///< the same of the true images: what sampling and gloss alone cost
-    double flicker = 0;           ///< sum of |(got - truth)_from - (got - truth)_to|: what the result's error changed by
+    double flicker = 0;  ///< sum of |(got - truth)_from - (got - truth)_to|: what the result's error changed by
 };
 ConsistencyScore score_consistency(const Correspondence& match, const ColorImage& got_from, const ColorImage& got_to,
                                    const ColorImage& truth_from, const ColorImage& truth_to,

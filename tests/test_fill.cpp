@@ -128,8 +128,7 @@ TEST_CASE("the warp of a card before a wall is filled with the wall", "[fill]") 
     const minimal::View r = s.recorded(s.own);
     const ShiftedCamera v = minimal::as_shifted(s.shifted(s.shift, s.own));
     const DepthMap depth = minimal::render(s.world, r).depth;
-    const SurfaceView surface =
-        surface_view(r.intrinsics, r.world_from_cam, depth, v.world_from_cam.translation_m);
+    const SurfaceView surface = surface_view(r.intrinsics, r.world_from_cam, depth, v.world_from_cam.translation_m);
     Reprojection shown;
     REQUIRE(reproject(surface, v, nullptr, shown));
     const ShiftedHoles seen = holes({{surface.intrinsics, surface.world_from_cam, &shown}}, 0, v);

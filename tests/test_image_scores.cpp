@@ -139,7 +139,8 @@ TEST_CASE("a region's scores are the image's where the region is all of it", "[s
     CHECK(std::isnan(score_region(maps, &none).psnr_db()));
     CHECK(std::isinf(score_region(compare_images(got, got)).psnr_db()));
     // A got image that is the mean everywhere has no gradients at all.
-    CHECK(score_region(compare_images(constant(190, 180, glm::vec3(0.3f)), truth)).sharpness() == Approx(0).margin(1e-9));
+    CHECK(score_region(compare_images(constant(190, 180, glm::vec3(0.3f)), truth)).sharpness() ==
+          Approx(0).margin(1e-9));
     const auto bytes = [&] {
         const RegionScore s = score_region(compare_images(got, truth));
         return std::vector<double>{s.squared_error, s.ssim, s.flip, s.gradient_error, s.ms_ssim};
@@ -195,7 +196,7 @@ TEST_CASE("correspondence of two planes is the closed form", "[score][temporal]"
             }
         }
     CHECK(wrong == 0);
-    CHECK(card >= 38 * 38);            // all but its rim
+    CHECK(card >= 38 * 38);                  // all but its rim
     CHECK(lost_wall >= 200 * 32 + 40 * 40);  // left the frame, or behind the card
     CHECK(lost_wall <= 200 * 33 + 42 * 42 + 200);
     CHECK(wall + card + lost_wall <= 200 * 320);

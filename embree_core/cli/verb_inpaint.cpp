@@ -201,7 +201,8 @@ private:
         const fs::path folder = fs::path(options_.out_dir) / arm(method), file = folder / "run.json";
         ordered_json all = ordered_json::array(), earlier;
         std::error_code error;
-        if (fs::exists(file, error)) earlier = ordered_json::parse(read_whole_file(file, size_t(256) << 20), nullptr, false);
+        if (fs::exists(file, error))
+            earlier = ordered_json::parse(read_whole_file(file, size_t(256) << 20), nullptr, false);
         const auto same = [](const ordered_json& a, const ordered_json& b) {
             for (const char* key : {"shift", "frame", "camera"})
                 if (a.value(key, ordered_json()) != b.value(key, ordered_json())) return false;

@@ -60,12 +60,14 @@ void run(const Options& options) {
         chosen.push_back(&trouble::scene(options.scene));
     for (const double metres : options.shifts)
         if (!(std::abs(metres) > 0 && std::abs(metres) <= 4))
-            throw Error(ExitCode::bad_input, "usage: --shifts: got " + ordered_json(metres).dump() + ", expected metres to the left, up to 4, not 0");
+            throw Error(ExitCode::bad_input, "usage: --shifts: got " + ordered_json(metres).dump() +
+                                                 ", expected metres to the left, up to 4, not 0");
     make_folders(options.output);
     Progress progress("stress");
     ordered_json rows = ordered_json::array();
-    std::string table = "| scene | fault | without it | shift | affected | PSNR there | without the fault | lost | elsewhere |\n"
-                        "|---|---|---|---|---|---|---|---|---|\n";
+    std::string table =
+        "| scene | fault | without it | shift | affected | PSNR there | without the fault | lost | elsewhere |\n"
+        "|---|---|---|---|---|---|---|---|---|\n";
     std::string csv = "scene,shift_m,affected_share,psnr_db,control_psnr_db,elsewhere_psnr_db\n";
     const auto finite = [](double v) { return std::isfinite(v) ? ordered_json(v) : ordered_json(nullptr); };
     size_t done = 0;
@@ -79,16 +81,25 @@ void run(const Options& options) {
             char share[16], metres[16];
             std::snprintf(share, sizeof share, "%.2f %%", 100 * o.affected_share);
             std::snprintf(metres, sizeof metres, "%+g m", options.shifts[i]);
-            table += "| " + (i ? std::string("| | ") : scene->name + " | " + scene->fault + " | " + scene->control + " ") +
-                     "| " + metres + " | " + share + " | " + decibels(o.psnr_db) + " dB | " + decibels(o.control_psnr_db) +
-                     " dB | " + decibels(o.control_psnr_db - o.psnr_db) + " dB | " + decibels(o.elsewhere_psnr_db) + " dB |\n";
-            rows.push_back({{"scene", scene->name}, {"fault", scene->fault}, {"control", scene->control},
-                            {"shift_m", options.shifts[i]}, {"affected_px", o.affected_px},
-                            {"affected_share", o.affected_share}, {"psnr_db", finite(o.psnr_db)},
-                            {"control_psnr_db", finite(o.control_psnr_db)}, {"elsewhere_psnr_db", finite(o.elsewhere_psnr_db)}});
-            csv += scene->name + "," + ordered_json(options.shifts[i]).dump() + "," + ordered_json(o.affected_share).dump() + "," +
-                   finite(o.psnr_db).dump() + "," + finite(o.control_psnr_db).dump() + "," + finite(o.elsewhere_psnr_db).dump() + "\n";
-            write_strip(fs::path(options.output) / (scene->name + "_" + ordered_json(options.shifts[i]).dump() + "m.png"), o);
+            table += "| " +
+                     (i ? std::string("| | ") : scene->name + " | " + scene->fault + " | " + scene->control + " ") +
+                     "| " + metres + " | " + share + " | " + decibels(o.psnr_db) + " dB | " +
+                     decibels(o.control_psnr_db) + " dB | " + decibels(o.control_psnr_db - o.psnr_db) + " dB | " +
+                     decibels(o.elsewhere_psnr_db) + " dB |\n";
+            rows.push_back({{"scene", scene->name},
+                            {"fault", scene->fault},
+                            {"control", scene->control},
+                            {"shift_m", options.shifts[i]},
+                            {"affected_px", o.affected_px},
+                            {"affected_share", o.affected_share},
+                            {"psnr_db", finite(o.psnr_db)},
+                            {"control_psnr_db", finite(o.control_psnr_db)},
+                            {"elsewhere_psnr_db", finite(o.elsewhere_psnr_db)}});
+            csv += scene->name + "," + ordered_json(options.shifts[i]).dump() + "," +
+                   ordered_json(o.affected_share).dump() + "," + finite(o.psnr_db).dump() + "," +
+                   finite(o.control_psnr_db).dump() + "," + finite(o.elsewhere_psnr_db).dump() + "\n";
+            write_strip(
+                fs::path(options.output) / (scene->name + "_" + ordered_json(options.shifts[i]).dump() + "m.png"), o);
         }
     progress.finish();
     write_whole_file(fs::path(options.output) / "stress.json", rows.dump(1) + "\n");

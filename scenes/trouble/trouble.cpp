@@ -27,7 +27,7 @@ using analytic::StreetScene;
 using glm::dvec3;
 using glm::vec3;
 
-constexpr int samples = 3;          // per pixel and side
+constexpr int samples = 3;  // per pixel and side
 constexpr uint32_t street_seed = 3;
 constexpr float endless = std::numeric_limits<float>::infinity();
 
@@ -68,8 +68,8 @@ Sample look(const World& world, const dvec3& origin, const dvec3& direction) {
         const double t = (p.x - origin.x) / direction.x;
         const dvec3 at = origin + t * direction;
         if (t > 0 && t < double(out.t) && at.y > p.y0 && at.y < p.y1 && at.z > p.z0 && at.z < p.z1)
-            return {pane_color(world, at, world.photographed_from ? at - *world.photographed_from : direction), float(t),
-                    true};
+            return {pane_color(world, at, world.photographed_from ? at - *world.photographed_from : direction),
+                    float(t), true};
     }
     out.color = ray_color(world.street, origin, direction);
     return out;
@@ -207,7 +207,8 @@ const std::vector<Scene>& scenes() {
         {"foliage", "a crown of 3500 loose leaves of 5 cm", "a solid ball in the crown's place"},
         {"wires", "wires of 6 and 8 mm, far below a pixel", "no wires"},
         {"moving_car", "a car at 15 m/s; the neighbour camera fires 50 ms after the own", "the car parked", true},
-        {"roof_line", "anti-aliased color over depth that is sky or roof", "colors of roof and sky apart, each with its own depth"}};
+        {"roof_line", "anti-aliased color over depth that is sky or roof",
+         "colors of roof and sky apart, each with its own depth"}};
     return all;
 }
 
@@ -217,8 +218,10 @@ const Scene& scene(const std::string& name) {
         if (s.name == name) return s;
         names.push_back(s.name);
     }
-    throw Error(ExitCode::bad_input, "scene: got '" + name + "', expected one of glass, mirror, foliage, wires, moving_car, roof_line (nearest: " +
-                                         nearest_word(name, names) + ")");
+    throw Error(ExitCode::bad_input,
+                "scene: got '" + name +
+                    "', expected one of glass, mirror, foliage, wires, moving_car, roof_line (nearest: " +
+                    nearest_word(name, names) + ")");
 }
 
 Views render(const Scene& scene, bool fault, const Shift& shift, int width) {
@@ -233,8 +236,9 @@ Views render(const Scene& scene, bool fault, const Shift& shift, int width) {
     for (const RigCamera& camera : out.rig) {
         const TrueCamera c = analytic::recorded_camera(camera, 0);
         const bool late = scene.name == "moving_car" && &camera != &out.rig[0];
-        out.recorded.push_back(late ? render_view(make_world(scene, fault, true, own), c.intrinsics, c.world_from_cam, roof, unmixed)
-                                    : render_view(world, c.intrinsics, c.world_from_cam, roof, unmixed));
+        out.recorded.push_back(
+            late ? render_view(make_world(scene, fault, true, own), c.intrinsics, c.world_from_cam, roof, unmixed)
+                 : render_view(world, c.intrinsics, c.world_from_cam, roof, unmixed));
         if (!scene.rig) break;
     }
     if (!scene.rig) out.rig.resize(1);
@@ -257,7 +261,8 @@ Outcome run(const Scene& scene, const Shift& shift, int width) {
         if (source < 0) continue;
         const Mask& touched = faulty.recorded[size_t(source)].touched;
         const glm::vec2 u = got.seen.source_px.data[i];
-        shown.data[i] |= touched.at(std::clamp(int(u.x), 0, touched.width - 1), std::clamp(int(u.y), 0, touched.height - 1));
+        shown.data[i] |=
+            touched.at(std::clamp(int(u.x), 0, touched.width - 1), std::clamp(int(u.y), 0, touched.height - 1));
     }
     out.affected = grown(shown);
     for (size_t i = 0; i < shown.size(); ++i) {

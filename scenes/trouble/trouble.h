@@ -11,7 +11,6 @@
 
 namespace vshift::trouble {
 
-
 struct Scene {
     std::string name;
     std::string fault;    ///< what is wrong with it
@@ -41,10 +40,10 @@ Views render(const Scene& scene, bool fault, const Shift& shift, int width);
 /// thing or were made from recorded pixels that do, and one pixel around.
 struct Outcome {
     uint64_t affected_px = 0;
-    double affected_share = 0;         ///< of the image
-    double psnr_db = 0;                ///< there, with the fault
-    double control_psnr_db = 0;        ///< there, without
-    double elsewhere_psnr_db = 0;      ///< in the rest of what the warp filled, with the fault
+    double affected_share = 0;                    ///< of the image
+    double psnr_db = 0;                           ///< there, with the fault
+    double control_psnr_db = 0;                   ///< there, without
+    double elsewhere_psnr_db = 0;                 ///< in the rest of what the warp filled, with the fault
     ColorImage recorded, truth, result, control;  ///< linear, of the own camera
     Mask affected;
 };
