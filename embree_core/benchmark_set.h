@@ -52,7 +52,7 @@ struct SetCheck {
 };
 SetCheck check_set(const Manifest& manifest, const std::function<void(size_t, size_t, const std::string&)>& progress);
 
-/// Scores of every method's masks, holes and warps against the set's truth, in the layout of
+/// Scores of every method's masks, holes, warps and fills against the set's truth, in the layout of
 /// docs/set_layout.md. `progress(done, total, what)` is called per item.
 nlohmann::ordered_json score_set(const Recipe& recipe, const Manifest& manifest,
                                  const std::function<void(size_t, size_t, const std::string&)>& progress);
@@ -60,7 +60,9 @@ nlohmann::ordered_json score_set(const Recipe& recipe, const Manifest& manifest,
 /// The mask and hole rows of `scores` as CSV.
 std::string scores_csv(const nlohmann::ordered_json& scores);
 
-/// Scores of one mask file's channels against a truth file's channels of the same names.
-nlohmann::ordered_json score_pair(const std::filesystem::path& got, const std::filesystem::path& truth);
+/// Scores of one file against a truth file: mask channels of the same names, and R,G,B (docs/set_layout.md), where the
+/// first channel of `region` is above 0.5 (empty: everywhere).
+nlohmann::ordered_json score_pair(const std::filesystem::path& got, const std::filesystem::path& truth,
+                                  const std::filesystem::path& region = {});
 
 }  // namespace vshift

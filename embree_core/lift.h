@@ -30,7 +30,7 @@ struct LiftOptions {
     /// Distance between the recorded and the shifted camera's centres: turns a step of 1/z into
     /// pixels of disparity. 0 tears nothing.
     double baseline_m = 0;
-    DepthRules rules;  ///< where the mesh is torn, and the error that rays allow for
+    DepthRules rules{};  ///< where the mesh is torn, and the error that rays allow for
     /// How far a point of the surface may move, in pixels of disparity at `baseline_m`, for the sake of
     /// fewer triangles. 0: every pixel is a vertex.
     double tolerance_px = 0;

@@ -7,11 +7,11 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 
 #include "embree_core/srgb.h"
+#include "embree_core/structure.h"
 
 namespace vshift {
 namespace {
@@ -126,17 +126,6 @@ bool inside(const Mask* region, int x, int y) {
     return !region || region->at(x, y) != 0;
 }
 
-Grid<double> luma(const ColorImage& image) {
-    Grid<double> y709(image.width, image.height);
-    for_rows(image.height, [&](int y) {
-        for (int x = 0; x < image.width; ++x) {
-            const glm::vec3& c = image.at(x, y);
-            y709.at(x, y) = 0.2126 * c.r + 0.7152 * c.g + 0.0722 * c.b;
-        }
-    });
-    return y709;
-}
-
 }  // namespace
 
 MaskScore score_mask(const Mask& got, const Mask& truth, const Mask* valid) {
@@ -212,54 +201,10 @@ double psnr_db(const ColorImage& got, const ColorImage& truth, const Mask* regio
 double ssim(const ColorImage& got, const ColorImage& truth, const Mask* region) {
     require_same_size(got, truth, "image");
     if (region) require_same_size(*region, truth, "region");
-    constexpr int radius = 5;
-    constexpr double sigma = 1.5, c1 = 0.01 * 0.01, c2 = 0.03 * 0.03;
-    std::array<double, 2 * radius + 1> gauss{};
-    for (int i = -radius; i <= radius; ++i) gauss[size_t(i + radius)] = std::exp(-i * i / (2 * sigma * sigma));
-    const Grid<double> a = luma(got), b = luma(truth);
-    const int width = truth.width, height = truth.height;
-
-    // A window cut at the border is a rectangle, so its weights renormalise per axis.
-    const auto window = [&](int centre, int size, int& begin, int& end) {
-        begin = std::max(0, centre - radius), end = std::min(size - 1, centre + radius);
-        double sum = 0;
-        for (int i = begin; i <= end; ++i) sum += gauss[size_t(i - centre + radius)];
-        return 1 / sum;
-    };
-    using Moments = std::array<double, 5>;  // a, b, aa, bb, ab
-    std::vector<RowSum> rows(static_cast<size_t>(height));
-    for_rows(height, [&](int y) {
-        bool any = false;
-        for (int x = 0; x < width && !any; ++x) any = inside(region, x, y);
-        if (!any) return;
-        int top, bottom;
-        const double row_norm = window(y, height, top, bottom);
-        std::vector<Moments> column(static_cast<size_t>(width), Moments{});
-        for (int j = top; j <= bottom; ++j) {
-            const double w = gauss[size_t(j - y + radius)] * row_norm;
-            for (int x = 0; x < width; ++x) {
-                const double p = a.at(x, j), q = b.at(x, j);
-                Moments& m = column[size_t(x)];
-                m[0] += w * p, m[1] += w * q, m[2] += w * (p * p), m[3] += w * (q * q), m[4] += w * (p * q);
-            }
-        }
-        RowSum& row = rows[size_t(y)];
-        for (int x = 0; x < width; ++x) {
-            if (!inside(region, x, y)) continue;
-            int left, right;
-            const double norm = window(x, width, left, right);
-            Moments m{};
-            for (int i = left; i <= right; ++i) {
-                const double w = gauss[size_t(i - x + radius)] * norm;
-                for (size_t k = 0; k < m.size(); ++k) m[k] += w * column[size_t(i)][k];
-            }
-            const double var_a = m[2] - m[0] * m[0], var_b = m[3] - m[1] * m[1], cov = m[4] - m[0] * m[1];
-            row.sum +=
-                (2 * (m[0] * m[1]) + c1) * (2 * cov + c2) / ((m[0] * m[0] + m[1] * m[1] + c1) * (var_a + var_b + c2));
-            ++row.count;
-        }
-    });
-    const RowSum total = added(rows);
+    const SsimMaps maps = ssim_maps(luma(got), luma(truth));
+    RowSum total;
+    for (size_t i = 0; i < maps.ssim.size(); ++i)
+        if (!region || region->data[i]) total.sum += maps.ssim.data[i], ++total.count;
     return total.count == 0 ? not_a_number : total.sum / double(total.count);
 }
 

@@ -4,12 +4,15 @@
 #include <unistd.h>
 
 #include <cmath>
+#include <optional>
 #include <thread>
 
 #include "embree_core/benchmark_set.h"
 #include "embree_core/c_api.h"
 #include "embree_core/image_file.h"
 #include "embree_core/score.h"
+#include "embree_core/score_images.h"
+#include "embree_core/image_scores.h"
 #include "embree_core/version.h"
 
 namespace vshift {
@@ -44,8 +47,8 @@ ordered_json finite_or_null(double value) {
     return std::isfinite(value) ? ordered_json(value) : ordered_json(nullptr);
 }
 
-void add_mask_scores(ordered_json& row, const Mask& got, const Mask& truth) {
-    const MaskScore s = score_mask(got, truth);
+void add_mask_scores(ordered_json& row, const Mask& got, const Mask& truth, const Mask* valid = nullptr) {
+    const MaskScore s = score_mask(got, truth, valid);
     row["true_positive"] = s.counts.true_positive;
     row["false_positive"] = s.counts.false_positive;
     row["false_negative"] = s.counts.false_negative;
@@ -55,7 +58,7 @@ void add_mask_scores(ordered_json& row, const Mask& got, const Mask& truth) {
     row["recall"] = s.recall;
     row["f1"] = s.f1;
     for (double tolerance : boundary_tolerances_px)
-        row["boundary_f1"][std::to_string(int(tolerance))] = score_boundary(got, truth, tolerance).f1;
+        row["boundary_f1"][std::to_string(int(tolerance))] = score_boundary(got, truth, tolerance, valid).f1;
 }
 
 void check_sizes(const Channels& a, const fs::path& file_a, const Channels& b) {
@@ -219,10 +222,11 @@ nlohmann::ordered_json score_set(const Recipe& recipe, const Manifest& manifest,
                 throw Error(ExitCode::bad_input, run.string() + ": json: got something else, expected a list of runs");
             for (const auto& row : runs) times.push_back(row);
         }
-    if (items.empty())
+    const bool filled = !fill_arms(manifest).empty();
+    if (items.empty() && !filled)
         throw Error(
             ExitCode::bad_input,
-            folder.string() + ": masks, holes, warps: got none, expected results of vshift mask, holes or warp");
+            folder.string() + ": masks, holes, warps: got none, expected results of vshift mask, holes, warp or inpaint");
 
     std::vector<Rows> rows(items.size());
     const size_t batch = std::max(1u, std::thread::hardware_concurrency()) * 2;  // bounds the memory
@@ -251,6 +255,13 @@ nlohmann::ordered_json score_set(const Recipe& recipe, const Manifest& manifest,
         for (auto& row : r.warps) out["warps"].push_back(std::move(row));
     }
     out["times"] = std::move(times);
+    if (filled) {
+        ImageScores images = score_images(recipe, manifest, progress);
+        for (auto& [name, part] : {std::pair{"images", &images.items}, {"image_summary", &images.summary},
+                                   {"temporal", &images.temporal}, {"overlap", &images.overlap},
+                                   {"fill_times", &images.times}})
+            out[name] = std::move(*part);
+    }
     return out;
 }
 
@@ -272,20 +283,26 @@ std::string scores_csv(const ordered_json& scores) {
     return text;
 }
 
-ordered_json score_pair(const fs::path& got_file, const fs::path& truth_file) {
+ordered_json score_pair(const fs::path& got_file, const fs::path& truth_file, const fs::path& region_file) {
     const Channels got = read_image(got_file), truth = read_image(truth_file);
     check_sizes(got, got_file, truth);
+    std::optional<Mask> where;
+    if (!region_file.empty()) {
+        const Channels region = read_image(region_file);
+        check_sizes(region, region_file, truth);
+        where = mask_of(region, region.names.at(0));
+    }
     ordered_json out = {
         {"got", got_file.string()}, {"truth", truth_file.string()}, {"channels", ordered_json::object()}};
     for (const std::string channel : {"lost", "occluded", "outside", "unknown", "unseen", "hole", "disoccluded"})
         if (got.has(channel) && truth.has(channel))
-            add_mask_scores(out["channels"][channel], mask_of(got, channel), mask_of(truth, channel));
+            add_mask_scores(out["channels"][channel], mask_of(got, channel), mask_of(truth, channel),
+                            where ? &*where : nullptr);
     if (got.has("R") && got.has("G") && got.has("B") && truth.has("R") && truth.has("G") && truth.has("B")) {
-        const ColorImage shown = srgb_from_linear(color_of(got)), wanted = srgb_from_linear(color_of(truth));
-        const double psnr = psnr_db(shown, wanted);
-        out["psnr_db"] = finite_or_null(psnr);
-        if (std::isinf(psnr)) out["equal"] = true;
-        out["ssim"] = finite_or_null(ssim(shown, wanted));
+        const RegionScore s = score_region(compare_images(color_of(got), color_of(truth)), where ? &*where : nullptr);
+        const double n = double(s.pixels);
+        out.update(image_score_fields(s.pixels, s.psnr_db(), s.ssim / n, s.ms_ssim, s.flip / n, s.gradient_error / n,
+                                      s.sharpness()));
     }
     if (out["channels"].empty() && !out.contains("ssim"))
         throw Error(ExitCode::bad_input, got_file.string() + ": channels: got none in common with " +

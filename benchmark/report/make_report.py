@@ -16,7 +16,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from report import facts, pictures, pool  # noqa: E402
+from report import facts, fills, pictures, pool  # noqa: E402
 from report.read_set import BAD_INPUT, IO_FAILED, ReportError, read_set  # noqa: E402
 
 HERE = Path(__file__).resolve().parent
@@ -62,13 +62,14 @@ def render(data, max_bytes, max_frames, width):
                                      lstrip_blocks=True, undefined=jinja2.StrictUndefined)
     environment.filters["percent"] = facts.percent
     page = environment.get_template("report.html.j2").render(
-        facts=facts.facts(data), charts=charts.charts(data), tables=facts.tables(data),
+        facts=facts.facts(data), charts=charts.charts(data), tables=facts.tables(data), fills=fills.tables(data["scores"]),
         css=(HERE / "report.css").read_text("utf-8"), js=(HERE / "report.js").read_text("utf-8"),
         frames_shown=list(views), width_shown=used_width, made=made_on(),
         page_data={"images": images, "views": views, "frames": list(views), "cameras": data["cameras"],
                    "methods": data["methods"], "methodNames": {m: pool.METHOD_NAME[m] for m in data["methods"]},
                    "shifts": [{"name": s["name"], "label": facts.label(s)} for s in data["manifest"]["shifts"]],
-                   "differenceFullScale": pictures.DIFFERENCE_FULL_SCALE})
+                   "differenceFullScale": pictures.DIFFERENCE_FULL_SCALE,
+                   "arms": [{"name": a, "label": fills.arm_name(a)} for a in fills.picture_arms(data["scores"])]})
     return page.encode("utf-8")
 
 

@@ -10,6 +10,7 @@ import io
 import numpy as np
 from PIL import Image
 
+from report import fills
 from report.read_set import read_channels, refuse
 
 # Okabe and Ito's colour-blind-safe palette; style.css and the charts use the same values.
@@ -194,7 +195,17 @@ def add_method(data, store, shift, frame, camera, method, truth, shifted8, width
     return out
 
 
-def add_frame(data, store, frame, width):
+def add_fills(data, store, shift, frame, camera, width):
+    """Filled views of one camera: {arm: {"picture": number, "psnr": {region: dB}}}."""
+    psnr, out = fills.view_scores(data["scores"], shift, frame, camera), {}
+    for arm in fills.picture_arms(data["scores"]):
+        rgb = read_channels(data, f"fills/{arm}/{shift}/{frame:04d}/{camera}.exr", camera, ("R", "G", "B"))
+        if rgb is not None:
+            out[arm] = {"picture": store.add(jpeg(fit(srgb8(rgb), width, True)), "jpeg"), "psnr": psnr.get(arm, {})}
+    return out
+
+
+def add_frame(data, store, frame, width, with_fills=False):
     """Pictures of one frame: {"CAMERA": {"recorded": n}, "CAMERA|SHIFT": {"shifted": n, "method": {...}}}."""
     out = {}
     items = data["manifest"]["items"]
@@ -215,6 +226,8 @@ def add_frame(data, store, frame, width):
             truth = read_channels(data, where["truth"], camera, ("lost", "occluded", "outside", "shell_self", "shell_rig"))
             for method in data["methods"]:
                 view[method] = add_method(data, store, shift, frame, camera, method, truth, shifted8, width)
+            if with_fills:
+                view["fills"] = add_fills(data, store, shift, frame, camera, width)
             out[f"{camera}|{shift}"] = view
     return out
 
@@ -237,7 +250,7 @@ def embed(data, max_bytes, max_frames, width):
     order = spread(data["frames"])[:max_frames]
     while True:
         store, views = Store(), {}
-        views[order[0]] = add_frame(data, store, order[0], width)
+        views[order[0]] = add_frame(data, store, order[0], width, with_fills=True)
         if store.bytes <= max_bytes or width <= 240:
             break
         width = max(240, int(width * .75))

@@ -23,6 +23,7 @@ COUNTS = ("true_positive", "false_positive", "false_negative", "true_negative")
 CERTIFICATE_COUNTS = ("pixels", "occluded", "occluded_wrong", "visible_certain", "visible_wrong",
                       "visible_unseen", "unknown", "invalid")
 MAX_JSON_BYTES = 512 << 20
+DISTANCE = re.compile(r"^[0-9.e+]{1,12} m$")
 SAFE_NAME = re.compile(r"[A-Za-z0-9_+\-]([A-Za-z0-9_+.\-]*[A-Za-z0-9_+\-])?\Z")
 
 
@@ -213,9 +214,47 @@ def read_scores(folder, shifts, frames, cameras):
                 for key in ("psnr_db", "ssim"):
                     if row.get(key, 0) is not None:
                         need(row, key, float, name, where)
+    check_fills(data, name, shifts, frames, cameras)
     if not (data["masks"] or data["holes"] or data["warps"]):
         refuse(name, "masks", [], "at least one row (run `vshift score` first)")
     return data
+
+
+def check_fills(data, name, shifts, frames, cameras):
+    """The tables of filled views, which a set may lack."""
+    pools = set(shifts) | {"all"}
+    tables = {"images": {"shift": shifts, "frame": frames, "camera": cameras}, "image_summary": {"camera": cameras + ["all"]},
+              "temporal": {}, "overlap": {}, "fill_times": {}}
+    numbers = {"images": ("psnr_db",), "image_summary": ("psnr_db", "ssim", "ms_ssim", "flip", "gradient_error", "sharpness"),
+               "temporal": ("difference", "truth_difference", "error_change"), "overlap": ("difference", "truth_difference", "error_change"),
+               "fill_times": ("fill_ms", "warp_ms")}
+    for table, one_of in tables.items():
+        data.setdefault(table, [])
+        for index, row in enumerate(need(data, table, list, name)):
+            where = f"{table}[{index}]."
+            if not isinstance(row, dict):
+                refuse(name, where[:-1], row, "an object")
+            need_name(row, "arm", name, where)
+            for key, allowed in one_of.items():
+                if need(row, key, int if key == "frame" else str, name, where) not in allowed:
+                    refuse(name, where + key, row[key], "one of " + ", ".join(map(str, list(allowed)[:8])))
+            if table in ("image_summary", "temporal", "overlap"):
+                shift = need(row, "shift", str, name, where)
+                if shift not in pools and not DISTANCE.match(shift):
+                    refuse(name, where + "shift", shift, "a shift of the set, a distance such as 2 m, or all")
+                if need(row, "frames", int, name, where) < 1:
+                    refuse(name, where + "frames", row["frames"], "1 or more")
+            if table != "fill_times":
+                need(row, "region", str, name, where)
+                if need(row, "pixels", int, name, where) < 0:
+                    refuse(name, where + "pixels", row["pixels"], "0 or more")
+            for key in numbers[table]:
+                if row.get(key, 0) is not None:
+                    need(row, key, float, name, where)
+            for key in [k for k in row if k.endswith("_95")]:
+                ends = row[key]
+                if ends is not None and not (isinstance(ends, list) and len(ends) == 2 and all(isinstance(e, (int, float)) and math.isfinite(e) for e in ends)):
+                    refuse(name, where + key, ends, "two finite numbers or null")
 
 
 def read_set(folder):

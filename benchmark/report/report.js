@@ -2,7 +2,8 @@
 // The page's behaviour: choose shift, geometry and frame; open pictures large; slider; error maps; tables.
 "use strict";
 const D = JSON.parse(document.getElementById("data").textContent);
-const state = { frame: D.frames[0], shift: D.shifts[0].name, method: D.methods[0], compare: D.cameras[0], error: D.cameras[0], at: 50 };
+const state = { frame: D.frames[0], shift: D.shifts[0].name, method: D.methods[0], compare: D.cameras[0], error: D.cameras[0], at: 50,
+  arm: (D.arms.find(a => a.name.startsWith("seam-")) || D.arms[0] || {}).name, fillCamera: D.cameras[0] };
 const $ = id => document.getElementById(id);
 const label = () => D.shifts.find(s => s.name === state.shift).label;
 const percent = v => (100 * v).toFixed(1) + " %";
@@ -21,6 +22,10 @@ function stack(p) {
   const s = make("span", { class: "stack" });
   s.append(make("img", { src: D.images[p.base], alt: p.alt, class: p.dim ? "under" : "", decoding: "async" }));
   if (p.over != null) s.append(make("img", { src: D.images[p.over], alt: "", class: "over" }));
+  if (p.minus != null) {
+    s.append(make("img", { src: D.images[p.minus], alt: "", class: "over minus" }));
+    s.classList.add("difference");
+  }
   if (p.paint != null) {
     const i = make("i", { class: "over paint" });
     i.style.maskImage = i.style.webkitMaskImage = `url(${D.images[p.paint]})`;
@@ -71,16 +76,32 @@ function drawErrors() { $("error-maps").replaceChildren(row(state.error, ["error
 function drawSlider() {
   const p = pictures(state.compare);
   if (!p.warp.ok || !p.shifted.ok) return $("slider").replaceChildren(make("div", { class: "missing", style: "max-width:1100px" }, p.shifted.ok ? p.warp.why : p.shifted.why));
-  const range = make("input", { type: "range", min: 0, max: 100, step: .5, value: state.at, "aria-label": "Share of the picture that shows the warp" });
-  const front = stack(p.warp);
-  front.classList.add("front");
-  const s = make("div", { class: "slider" }, stack(p.shifted), front, make("span", { class: "tag l" }, "warp"), make("span", { class: "tag r" }, "real render"), make("div", { class: "line" }), range);
-  s.style.setProperty("--at", state.at + "%");
-  range.oninput = () => { state.at = +range.value; s.style.setProperty("--at", state.at + "%"); };
-  s.onpointermove = e => { if (e.buttons) { const r = s.getBoundingClientRect(); state.at = Math.min(100, Math.max(0, 100 * (e.clientX - r.left) / r.width)); range.value = state.at; s.style.setProperty("--at", state.at + "%"); } };
-  $("slider").replaceChildren(s);
+  $("slider").replaceChildren(slider(stack(p.warp), stack(p.shifted), "warp", "real render", "Share of the picture that shows the warp"));
 }
-function draw() { drawStrips(); drawSlider(); drawErrors(); }
+function slider(front, back, left, right, label) {
+  const range = make("input", { type: "range", min: 0, max: 100, step: .5, value: state.at, "aria-label": label });
+  const s = make("div", { class: "slider" }, back, front, make("span", { class: "tag l" }, left), make("span", { class: "tag r" }, right), make("div", { class: "line" }), range);
+  const put = at => { state.at = at; s.style.setProperty("--at", at + "%"); };
+  front.classList.add("front");
+  put(state.at);
+  range.oninput = () => put(+range.value);
+  s.onpointermove = e => { if (e.buttons) { const r = s.getBoundingClientRect(); put(Math.min(100, Math.max(0, 100 * (e.clientX - r.left) / r.width))); range.value = state.at; } };
+  return s;
+}
+function drawFills() {
+  if (!D.arms.length) return;
+  const frame = D.frames.find(f => D.cameras.some(c => D.views[f][`${c}|${state.shift}`].fills)), v = D.views[frame][`${state.fillCamera}|${state.shift}`];
+  const f = (v.fills || {})[state.arm], name = D.arms.find(a => a.name === state.arm).label, where = `${state.fillCamera}, ${label()}, frame ${frame}`;
+  if (!f || v.shifted == null) { $("fill-errors").replaceChildren(); return $("fill-slider").replaceChildren(make("div", { class: "missing", style: "max-width:1100px" }, v.why || "not in the set")); }
+  const dB = k => f.psnr[k] == null ? "" : `${k} ${f.psnr[k].toFixed(1)} dB`, note = ["all", "lost", "hole"].map(dB).filter(Boolean).join(", ");
+  const result = { title: "Result", note, base: f.picture, ok: true, alt: `Result of ${name}, ${where}` };
+  const truth = { title: "Real render", note: v.moved ?? "", base: v.shifted, ok: true, alt: `Real render of ${where}` };
+  const error = { title: "Difference", note: "four times as bright", base: v.shifted, minus: f.picture, ok: true, alt: `Difference of result and real render, ${where}` };
+  $("fill-slider").replaceChildren(slider(stack(result), stack(truth), name, "real render", "Share of the picture that shows the result"));
+  const list = [result, truth, error];
+  $("fill-errors").replaceChildren(make("div", { class: "panels three" }, ...list.map((_, i) => panel(list, i, where))));
+}
+function draw() { drawStrips(); drawSlider(); drawErrors(); drawFills(); }
 
 function buttons(id, options, key, after) {
   const box = $(id);
@@ -160,6 +181,10 @@ $("full-scale").textContent = percent(D.differenceFullScale);
 buttons("pick-shift", D.shifts.map(s => [s.name, s.label]), "shift", draw);
 buttons("pick-method", D.methods.map(m => [m, D.methodNames[m]]), "method", draw);
 buttons("pick-compare", D.cameras.map(c => [c, c]), "compare", drawSlider);
+if (D.arms.length) {
+  buttons("pick-arm", D.arms.map(a => [a.name, a.label]), "arm", drawFills);
+  buttons("pick-fill-camera", D.cameras.map(c => [c, c]), "fillCamera", drawFills);
+}
 buttons("pick-error", D.cameras.map(c => [c, c]), "error", drawErrors);
 frameMenu();
 draw();

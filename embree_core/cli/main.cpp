@@ -48,10 +48,12 @@ int main(int argc, char** argv) {
                              [] { return std::string("vshift ") + version_string + ", " + tracer_version(); });
         app.require_subcommand(1);
         cli::add_answer_verbs(app);
+        cli::add_inpaint_verb(app);
         cli::add_score_verb(app);
         cli::add_check_verb(app);
         cli::add_report_verb(app);
         cli::add_bench_verb(app);
+        cli::add_stress_verb(app);
         try {
             app.parse(argc, argv);
         } catch (const CLI::Success& e) {

@@ -8,6 +8,7 @@
 #include "embree_core/cli/progress.h"
 #include "embree_core/cli/verbs.h"
 #include "embree_core/image_file.h"
+#include "embree_core/score_images.h"
 
 namespace vshift::cli {
 namespace {
@@ -16,7 +17,7 @@ namespace fs = std::filesystem;
 using nlohmann::ordered_json;
 
 struct Options {
-    std::string recipe, got, truth, output, csv;
+    std::string recipe, got, truth, region, output, csv;
     double min_f1 = -1;
 };
 
@@ -44,10 +45,12 @@ void run(const Options& options) {
     if (pair == !options.recipe.empty() || (pair && (options.got.empty() || options.truth.empty())))
         throw Error(ExitCode::bad_input,
                     "usage: got neither a set nor a pair of images, expected RECIPE, or --got IMAGE --truth IMAGE");
+    if (!pair && !options.region.empty())
+        throw Error(ExitCode::bad_input, "usage: --region: got a set, expected it with --got IMAGE --truth IMAGE");
     if (std::isnan(options.min_f1))
         throw Error(ExitCode::bad_input, "usage: --min-f1: got nan, expected a number from 0 to 1");
     if (pair) {
-        const ordered_json scores = score_pair(options.got, options.truth);
+        const ordered_json scores = score_pair(options.got, options.truth, options.region);
         write_text(options.output.empty() ? "-" : options.output,
                    scores.dump(1, ' ', false, ordered_json::error_handler_t::replace) +
                        "\n");  // a file's name need not be UTF-8
@@ -72,8 +75,11 @@ void run(const Options& options) {
     }
     write_text(json.string(), scores.dump(1) + "\n");
     if (!csv.empty()) write_text(csv.string(), scores_csv(scores));
+    const bool images = in_set && scores.contains("images");
+    if (images) write_text((folder / "scores" / "images.csv").string(), image_scores_csv(scores["images"]));
     if (in_set) {
         manifest.record_done("scores/scores.json", "scores", 0);
+        if (images) manifest.record_done("scores/images.csv", "scores", 0);
         if (options.csv.empty()) manifest.record_done("scores/scores.csv", "scores", 0);
     }
     hold_threshold(scores, options.min_f1);
@@ -83,11 +89,12 @@ void run(const Options& options) {
 
 void add_score_verb(CLI::App& app) {
     CLI::App* sub =
-        app.add_subcommand("score", "Masks, holes and warps of a set against its truth, or one image against another");
+        app.add_subcommand("score", "Masks, holes, warps and fills of a set against its truth, or one image against another");
     auto options = std::make_shared<Options>();
     sub->add_option("recipe", options->recipe, "set.vshift of a benchmark set");
     sub->add_option("--got", options->got, "one image to judge");
     sub->add_option("--truth", options->truth, "the image to judge it by");
+    sub->add_option("--region", options->region, "of a pair: only where this image's first channel is above 0.5");
     sub->add_option("-o,--output", options->output,
                     "JSON; default: scores/scores.json in the set, or standard output for a pair");
     sub->add_option("--csv", options->csv, "CSV of the mask and hole rows");

@@ -99,8 +99,10 @@ bool clear_of_solids(const StreetScene& street, const glm::dvec3& point, double 
 
 // ---------------------------------------------------------------- colour
 
-/// Linear RGB: Lambert under one sun with shadows and a sky, albedos with simple patterns. The colour of a
-/// point does not depend on the camera. Every pixel is the mean of side x side samples.
+/// Linear RGB of what a ray meets: Lambert under one sun with shadows and a sky, albedos with simple patterns. The
+/// colour of a point does not depend on where it is seen from.
+glm::vec3 ray_color(const StreetScene& street, const glm::dvec3& origin, const glm::dvec3& direction);
+/// Every pixel is the mean of side x side samples.
 ColorImage street_color(const StreetScene& street, const TrueCamera& camera, int side = 1);
 
 }  // namespace vshift::analytic

@@ -89,9 +89,14 @@ vec3 lit(const StreetScene& street, const dvec3& point, const Hit& hit, const dv
 
 }  // namespace
 
+glm::vec3 ray_color(const StreetScene& street, const dvec3& origin, const dvec3& direction) {
+    const dvec3 o = origin - street.scene.origin_m;
+    const Hit hit = street.scene.traced.intersect(vec3(o), vec3(direction), 0, std::numeric_limits<float>::infinity());
+    return hit ? lit(street, o + double(hit.t) * direction, hit, direction) : sky_color(direction);
+}
+
 ColorImage street_color(const StreetScene& street, const TrueCamera& camera, int side) {
     const Intrinsics& k = camera.intrinsics;
-    const dvec3 centre = camera.world_from_cam.translation_m - street.scene.origin_m;
     ColorImage out(k.width, k.height, vec3(0));
     tbb::parallel_for(0, k.height, [&](int y) {
         for (int x = 0; x < k.width; ++x) {
@@ -99,9 +104,7 @@ ColorImage street_color(const StreetScene& street, const TrueCamera& camera, int
             for (int s = 0; s < side * side; ++s) {
                 const glm::dvec2 at(x + (s % side + 0.5) / side, y + (s / side + 0.5) / side);
                 const dvec3 d = camera.world_from_cam.rotation * ray(k, at);
-                const Hit hit =
-                    street.scene.traced.intersect(vec3(centre), vec3(d), 0, std::numeric_limits<float>::infinity());
-                sum += hit ? lit(street, centre + double(hit.t) * d, hit, d) : sky_color(d);
+                sum += ray_color(street, camera.world_from_cam.translation_m, d);
             }
             out.at(x, y) = sum / float(side * side);
         }

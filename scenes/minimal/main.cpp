@@ -14,7 +14,10 @@
 #include "embree_core/image_file.h"
 #include "embree_core/srgb.h"
 #include "scenes/analytic/analytic_street.h"
+#include "scenes/analytic/street_set.h"
 #include "scenes/minimal/minimal.h"
+#include "scenes/scene_files.h"
+#include "scenes/trouble/trouble.h"
 
 namespace vshift::minimal {
 namespace {
@@ -30,103 +33,7 @@ struct Options {
     int frames = 1, samples = 2;  // of the analytic street
 };
 
-constexpr const char* street_name = "analytic_street";
-
-std::string frame_folder(size_t index) {
-    char text[32];
-    std::snprintf(text, sizeof text, "%04zu", index);
-    return text;
-}
-
-Json rotation_of(const glm::dmat3& rotation) {
-    glm::dquat q = glm::quat_cast(rotation);
-    if (q.w < 0) q = -q;
-    return {q.w, q.x, q.y, q.z};
-}
-
-Json vector_of(const glm::dvec3& v) {
-    return {v.x, v.y, v.z};
-}
-
-std::vector<float> channel(const ColorImage& image, int c) {
-    std::vector<float> plane(image.size());
-    for (size_t i = 0; i < plane.size(); ++i) plane[i] = image.data[i][c];
-    return plane;
-}
-
-Channels sized(int width, int height) {
-    Channels out;
-    out.width = width;
-    out.height = height;
-    return out;
-}
-
-void add_color(Channels& out, const ColorImage& image) {
-    out.add("R", channel(image, 0));
-    out.add("G", channel(image, 1));
-    out.add("B", channel(image, 2));
-}
-
-void add_flags(Channels& out, const std::string& name, const Grid<uint8_t>& flags, unsigned bits) {
-    std::vector<float> plane(flags.size());
-    for (size_t i = 0; i < plane.size(); ++i) plane[i] = (flags.data[i] & bits) ? 1.0f : 0.0f;
-    out.add(name, std::move(plane));
-}
-
-/// Millimetres in 16 bits; what does not fit (beyond 65.535 m, sky) is 0: no measurement.
-std::vector<float> millimetres(const DepthMap& depth) {
-    std::vector<float> plane(depth.size());
-    for (size_t i = 0; i < plane.size(); ++i) {
-        const double mm = std::round(1000.0 * double(depth.data[i]));
-        plane[i] = mm >= 1 && mm <= 65535 ? float(mm / 65535.0) : 0.0f;
-    }
-    return plane;
-}
-
-void write_view(const fs::path& folder, const std::string& camera, const Picture& picture,
-                const std::string& depth_kind) {
-    Channels image = sized(picture.depth.width, picture.depth.height);
-    add_color(image, picture.color);
-    if (depth_kind == "exr") image.add("Z", picture.depth.data);
-    write_image(folder / (camera + ".exr"), image);
-    if (depth_kind == "exr") return;
-    Channels depth = sized(picture.depth.width, picture.depth.height);
-    const bool png = depth_kind == "png";
-    depth.add("Z", png ? millimetres(picture.depth) : picture.depth.data);
-    write_image(folder / (camera + "_depth." + depth_kind), depth, {png ? SampleType::uint16 : SampleType::float32});
-}
-
-Json recipe_of(const MinimalScene& s, const std::string& depth_kind) {
-    Json recipe = {{"vshift", 1}, {"cameras", Json::array()}, {"frames", Json::array()}};
-    for (const Camera& c : s.rig) {
-        const Intrinsics& k = c.intrinsics;
-        Json camera = {{"name", c.name}, {"width", k.width}, {"height", k.height}};
-        camera["intrinsic"] =
-            Json::array({Json::array({k.fx, 0, k.cx}), Json::array({0, k.fy, k.cy}), Json::array({0, 0, 1})});
-        camera["rotation"] = rotation_of(c.ego_from_cam.rotation);
-        camera["translation"] = vector_of(c.ego_from_cam.translation_m);
-        camera["image"] = "frames/%04d/" + c.name + ".exr";
-        if (depth_kind == "exr") {
-            camera["depth"] = camera["image"];
-            camera["depth_channel"] = "Z";
-        } else {
-            camera["depth"] = "frames/%04d/" + c.name + "_depth." + depth_kind;
-            if (depth_kind == "png") camera["depth_scale_m"] = 0.001;
-        }
-        recipe["cameras"].push_back(camera);
-    }
-    for (size_t i = 0; i < s.frames.size(); ++i)
-        recipe["frames"].push_back({{"index", i},
-                                    {"timestamp_s", 0.1 * double(i)},
-                                    {"rotation", rotation_of(s.frames[i].rotation)},
-                                    {"translation", vector_of(s.frames[i].translation_m)}});
-    recipe["camera"] = s.rig[size_t(s.own)].name;
-    recipe["frame"] = 0;
-    recipe["shift"] = vector_of(s.shift.translation_m);
-    recipe["yaw_deg"] = s.shift.yaw_rad * 180 / std::acos(-1.0);
-    recipe["out"] = "mask";
-    return recipe;
-}
+constexpr const char *street_name = "analytic_street", *set_name = "analytic_set";
 
 size_t set_pixels(const Grid<uint8_t>& flags, unsigned bits) {
     size_t n = 0;
@@ -251,6 +158,30 @@ Json write_street(const Options& options) {
             {"shapes", shapes},         {"geometry_hash", hash}};
 }
 
+constexpr const char* trouble_prefix = "trouble_";
+
+/// One twin of a trouble scene: what was recorded, as a recipe, and the true view from its default shift.
+void write_trouble_twin(const trouble::Scene& scene, bool fault, const Options& options, const fs::path& folder) {
+    MinimalScene set;  // what the recipe needs of one
+    set.name = trouble_prefix + scene.name;
+    set.shift.translation_m = {0, 2, 0};
+    set.frames = {Pose{}};
+    const trouble::Views views = trouble::render(scene, fault, set.shift, options.size.width);
+    fs::create_directories(folder / "frames" / "0000");
+    for (size_t c = 0; c < views.rig.size(); ++c) {
+        set.rig.push_back({views.rig[c].name, views.rig[c].intrinsics, views.rig[c].ego_from_cam});
+        write_view(folder / "frames" / "0000", views.rig[c].name, {views.recorded[c].color, views.recorded[c].depth, {}},
+                   options.depth);
+    }
+    fs::create_directories(folder / "expected");
+    Channels shifted = sized(views.shifted.color.width, views.shifted.color.height);
+    add_color(shifted, views.shifted.color);
+    shifted.add("Z", views.shifted.depth.data);
+    add_flags(shifted, "fault", views.shifted.touched, 1);
+    write_image(folder / "expected" / "shifted.exr", shifted);
+    write_whole_file(folder / (set.name + ".vshift"), recipe_of(set, options.depth).dump(2) + "\n");
+}
+
 int run(int argc, char** argv) {
     Options options;
     bool list = false;
@@ -261,10 +192,10 @@ int run(int argc, char** argv) {
     auto* height =
         app.add_option("--height", options.size.height, "pixels; of analytic_street 9/16 of the width unless given")
             ->check(CLI::Range(8, 8192));
-    app.add_option("--seed", options.seed, "of the scenes called random and analytic_street");
-    app.add_option("--frames", options.frames, "of analytic_street: the ego drives 0.5 m from one to the next")
+    app.add_option("--seed", options.seed, "of the scenes called random, analytic_street and analytic_set");
+    app.add_option("--frames", options.frames, "of analytic_street and analytic_set: the ego drives 0.5 m from one to the next")
         ->check(CLI::Range(1, analytic::most_frames));
-    app.add_option("--samples", options.samples, "of analytic_street: n x n colour samples per pixel")
+    app.add_option("--samples", options.samples, "of analytic_street and analytic_set: n x n colour samples per pixel")
         ->check(CLI::Range(1, 8));
     app.add_option("--depth", options.depth, "file of the depth")->check(CLI::IsMember({"exr", "png", "pfm", "npy"}));
     app.add_flag("--list", list, "print the names of the scenes");
@@ -278,13 +209,26 @@ int run(int argc, char** argv) {
     }
     if (list) {
         for (const std::string& name : scene_names()) std::cout << name << "\n";
-        std::cout << street_name << "\n";
+        std::cout << street_name << "\n" << set_name << "\n";
+        for (const trouble::Scene& scene : trouble::scenes()) std::cout << trouble_prefix << scene.name << "\n";
         return 0;
     }
     if (options.scene.empty()) throw Error(ExitCode::bad_input, "scene: got none, expected a name of --list, or all");
     if (options.folder.empty()) throw Error(ExitCode::bad_input, "-o: got none, expected a folder");
-    if (options.scene == street_name) {
+    if (options.scene.rfind(trouble_prefix, 0) == 0) {
+        const trouble::Scene& scene = trouble::scene(options.scene.substr(std::string(trouble_prefix).size()));
+        write_trouble_twin(scene, true, options, options.folder);
+        write_trouble_twin(scene, false, options, options.folder / "without_fault");
+        std::cout << Json{{"scene", options.scene}, {"fault", scene.fault}, {"without_fault", scene.control}}.dump(2) << "\n";
+        return 0;
+    }
+    if (options.scene == street_name || options.scene == set_name) {
         if (height->count() == 0) options.size.height = std::max(8, options.size.width * 9 / 16);
+        if (options.scene == set_name) {
+            analytic::write_street_set({options.seed, options.size.width, options.size.height, options.frames,
+                                        options.samples, options.folder});
+            return 0;
+        }
         std::cout << write_street(options).dump(2) << "\n";
         return 0;
     }

@@ -1,0 +1,266 @@
+// SPDX-License-Identifier: Apache-2.0
+// vshift inpaint: the shifted view with its holes filled, one view or every frame, camera and shift of a set.
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <filesystem>
+#include <limits>
+#include <memory>
+
+#include "embree_core/answer.h"
+#include "embree_core/benchmark_set.h"
+#include "embree_core/cli/progress.h"
+#include "embree_core/cli/verbs.h"
+#include "embree_core/fill.h"
+
+namespace vshift::cli {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::ordered_json;
+
+struct Options {
+    std::string recipe, output, out_dir, json;
+    std::vector<std::string> methods = {"background"};
+    std::vector<std::pair<std::string, std::string>> request;
+    bool seam = false, all_frames = false, all_shifts = false;
+};
+
+/// The seam's colors with the depth of the whole rig's warp, as a warp: what the seam has no color for is a hole, and
+/// where it alone has one the depth is not known.
+Channels warp_of_seam(const Recipe& recipe, Request request, FrameFiles& files) {
+    request.from = Source::rig;
+    Channels out = answer(recipe, request, files).image;
+    request.out = "seam";
+    const Channels seam = answer(recipe, request, files).image;
+    std::vector<float>*planes[4], *depth = nullptr;
+    for (size_t c = 0; c < out.names.size(); ++c) {
+        const size_t to = std::string("RGB").find(out.names[c]);
+        if (out.names[c].size() == 1 && to < 3) planes[to] = &out.planes[c];
+        if (out.names[c] == "Z") depth = &out.planes[c];
+        if (out.names[c] == "hole") planes[3] = &out.planes[c];
+    }
+    const std::vector<float>& source = seam.plane("source");
+    for (size_t i = 0; i < source.size(); ++i) {
+        const bool missing = source[i] < 0;
+        if (!missing && (*planes[3])[i] > 0.5f) (*depth)[i] = std::numeric_limits<float>::quiet_NaN();
+        (*planes[3])[i] = missing;
+    }
+    *planes[0] = seam.plane("R"), *planes[1] = seam.plane("G"), *planes[2] = seam.plane("B");
+    return out;
+}
+
+/// A warp taken apart into what a fill needs.
+struct Warped {
+    ColorImage color;
+    Mask hole;
+    DepthMap depth;
+
+    explicit Warped(const Channels& warp)
+        : color(warp.width, warp.height), hole(warp.width, warp.height), depth(warp.width, warp.height) {
+        const auto &r = warp.plane("R"), &g = warp.plane("G"), &b = warp.plane("B"), &holes = warp.plane("hole");
+        for (size_t i = 0; i < color.size(); ++i) {
+            color.data[i] = {r[i], g[i], b[i]};
+            hole.data[i] = holes[i] > 0.5f;
+        }
+        depth.data = warp.plane("Z");
+    }
+};
+
+Channels filled_image(const Channels& warp, const ColorImage& color, const std::string& method) {
+    Channels out;
+    out.width = warp.width;
+    out.height = warp.height;
+    out.metadata = warp.metadata;
+    out.metadata["vshift.out"] = "inpaint";
+    out.metadata["vshift.fill"] = method;
+    for (int c = 0; c < 3; ++c) {
+        std::vector<float> plane(color.size());
+        for (size_t i = 0; i < plane.size(); ++i) plane[i] = color.data[i][c];
+        out.add(std::string(1, "RGB"[c]), std::move(plane));
+    }
+    out.add("hole", warp.plane("hole"));
+    return out;
+}
+
+double ms_since(std::chrono::steady_clock::time_point start) {
+    return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+}
+
+/// Where a folder of results lies in the set, empty when outside.
+fs::path folder_in_set(const fs::path& folder, const fs::path& set_dir) {
+    std::error_code error;
+    const fs::path relative = fs::relative(fs::absolute(folder), fs::absolute(set_dir), error);
+    return !error && !relative.empty() && *relative.begin() != ".." && relative != "." ? relative : fs::path();
+}
+
+class Run {
+public:
+    explicit Run(const Options& options) : options_(options), recipe_(load_recipe(options.recipe)), files_(recipe_) {
+        auto pairs = options.request;
+        pairs.emplace_back("out", "warp");
+        base_ = resolve_request(recipe_, pairs);
+        for (const std::string& method : options.methods) {
+            fill_method(method, "usage: --method");
+            if (std::count(options.methods.begin(), options.methods.end(), method) > 1)
+                throw Error(ExitCode::bad_input, "usage: --method: got " + method + " twice, expected it once");
+        }
+        many_ = !options.out_dir.empty();
+        if (many_ == !options.output.empty())
+            throw Error(ExitCode::bad_input, "usage: got " + std::string(many_ ? "both" : "neither") +
+                                                 " of -o and --out-dir, expected one of them");
+        cameras_ = requested_cameras(recipe_, base_);
+        if (!many_ && (cameras_.size() > 1 || options.all_frames || options.all_shifts || options.methods.size() > 1))
+            throw Error(ExitCode::bad_input,
+                        "usage: got more than one view or method, expected --out-dir DIR for them (or --camera NAME)");
+        if (fs::symlink_status(recipe_.folder() / "manifest.json").type() != fs::file_type::not_found)
+            manifest_ = std::make_unique<Manifest>(recipe_.folder());
+        if (options.all_shifts && !manifest_)
+            throw Error(ExitCode::io_failed, (recipe_.folder() / "manifest.json").string() +
+                                                 ": file: got none, expected the set's list of shifts");
+        if (many_ && manifest_) in_set_ = folder_in_set(options.out_dir, recipe_.folder());
+        if (!in_set_.empty()) remove_stale_temporaries(recipe_.folder());
+    }
+
+    void all() {
+        std::vector<NamedShift> shifts{{shift_name(base_.shift), base_.shift}};
+        if (options_.all_shifts) shifts = manifest_->shifts();
+        std::vector<int> frames{base_.frame};
+        if (options_.all_frames) {
+            frames.clear();
+            for (const FrameSpec& f : recipe_.frames) frames.push_back(f.index);
+        }
+        Progress progress("inpaint");
+        const size_t total = frames.size() * shifts.size() * cameras_.size();
+        size_t done = 0;
+        for (const int frame : frames)
+            for (const NamedShift& shift : shifts)
+                for (const std::string& camera : cameras_) {
+                    stop_if_interrupted();
+                    progress.show(done++, total, camera + " " + shift.name);
+                    one(frame, shift, camera);
+                }
+        progress.finish();
+        if (many_)
+            for (const std::string& method : options_.methods) write_times(method);
+        if (!options_.json.empty()) write_text(options_.json, rows_.dump(1) + "\n");
+    }
+
+private:
+    std::string arm(const std::string& method) const {
+        return (options_.seam ? "seam-" : base_.from == Source::rig ? "rig-" : "self-") + method;
+    }
+
+    void one(int frame, const NamedShift& shift, const std::string& camera) {
+        Request request = base_;
+        request.camera = camera;
+        request.frame = frame;
+        request.shift = shift.shift;
+        const fs::path item = item_path(shift.name, frame, camera);
+        if (manifest_ && options_.all_shifts) {
+            const std::string view = (fs::path("shifts") / item).string();
+            if (manifest_->is_refused(view)) return;
+            request.shift = manifest_->shift_of(view, shift.shift);
+        }
+        std::vector<std::string> left;
+        for (const std::string& method : options_.methods)
+            if (in_set_.empty() || !manifest_->is_done((in_set_ / arm(method) / item).string())) left.push_back(method);
+        if (left.empty()) return;
+        const auto start = std::chrono::steady_clock::now();
+        const Channels warp =
+            options_.seam ? warp_of_seam(recipe_, request, files_) : answer(recipe_, request, files_).image;
+        const double warp_ms = ms_since(start);
+        const Warped warped(warp);
+        for (const std::string& method : left) {
+            const auto began = std::chrono::steady_clock::now();
+            const ColorImage color =
+                fill({warped.color, warped.hole, warped.depth}, fill_method(method, "usage: --method"));
+            const double fill_ms = ms_since(began);
+            const fs::path file = many_ ? fs::path(options_.out_dir) / arm(method) / item : fs::path(options_.output);
+            if (many_) make_folders(file.parent_path());
+            write_image(file, filled_image(warp, color, method),
+                        {file.extension() == ".png" ? SampleType::uint16 : SampleType::float32});
+            rows_.push_back({{"arm", arm(method)},
+                             {"out", "inpaint"},
+                             {"shift", shift.name},
+                             {"frame", frame},
+                             {"camera", camera},
+                             {"width", color.width},
+                             {"height", color.height},
+                             {"hole_px", std::count_if(warped.hole.data.begin(), warped.hole.data.end(),
+                                                       [](uint8_t h) { return h != 0; })},
+                             {"warp_ms", warp_ms},
+                             {"fill_ms", fill_ms}});
+            if (!in_set_.empty())
+                manifest_->record_done((in_set_ / arm(method) / item).string(), "fill", (warp_ms + fill_ms) / 1000);
+        }
+    }
+
+    /// run.json beside an arm's results: its rows, and those of an earlier run whose files are still there.
+    void write_times(const std::string& method) {
+        const fs::path folder = fs::path(options_.out_dir) / arm(method), file = folder / "run.json";
+        ordered_json all = ordered_json::array(), earlier;
+        std::error_code error;
+        if (fs::exists(file, error))
+            earlier = ordered_json::parse(read_whole_file(file, size_t(256) << 20), nullptr, false);
+        const auto same = [](const ordered_json& a, const ordered_json& b) {
+            for (const char* key : {"shift", "frame", "camera"})
+                if (a.value(key, ordered_json()) != b.value(key, ordered_json())) return false;
+            return true;
+        };
+        if (earlier.is_array())
+            for (const auto& row : earlier)
+                if (row.is_object() && std::none_of(rows_.begin(), rows_.end(), [&](const ordered_json& mine) {
+                        return mine["arm"] == arm(method) && same(mine, row);
+                    }))
+                    all.push_back(row);
+        for (const auto& row : rows_)
+            if (row["arm"] == arm(method)) all.push_back(row);
+        if (all.empty()) return;
+        write_whole_file(file, all.dump(1) + "\n");
+        if (!in_set_.empty()) manifest_->record_done((in_set_ / arm(method) / "run.json").string(), "times", 0);
+    }
+
+    const Options& options_;
+    Recipe recipe_;
+    FrameFiles files_;
+    Request base_;
+    std::vector<std::string> cameras_;
+    std::unique_ptr<Manifest> manifest_;
+    fs::path in_set_;
+    bool many_ = false;
+    ordered_json rows_ = ordered_json::array();
+};
+
+}  // namespace
+
+void add_inpaint_verb(CLI::App& app) {
+    CLI::App* sub = app.add_subcommand("inpaint", "Shifted view with its holes filled");
+    auto options = std::make_shared<Options>();
+    sub->add_option("recipe", options->recipe, "the .vshift recipe")->required();
+    sub->add_option("--method", options->methods,
+                    "background (from the surface behind), pushpull (OpenImageIO), telea, ns (OpenCV); several with "
+                    "--out-dir")
+        ->delimiter(',')
+        ->capture_default_str();
+    const auto request_key = [&](const char* flags, const std::string& key, const char* help) {
+        sub->add_option_function<std::string>(
+            flags, [options, key](const std::string& text) { options->request.emplace_back(key, text); }, help);
+    };
+    request_key("--camera", "camera", "one camera's name; * or none: all of them");
+    request_key("--frame", "frame", "frame index");
+    request_key("--shift", "shift", "x,y,z in ego metres (x forward, y left, z up)");
+    request_key("--yaw_deg,--yaw-deg", "yaw_deg", "turn of the ego about its z axis, to the left");
+    request_key("--from", "from", "self or rig: whose pictures fill what the own camera lacks, before the fill");
+    request_key("--tolerance_px,--tolerance-px", "tolerance_px",
+                "how far surfaces may move for fewer triangles, 0 to 4 px");
+    sub->add_flag("--seam", options->seam, "the seam's colors (vshift seam) instead of the warp's, before the fill");
+    sub->add_option("-o,--output", options->output, "one image: .exr, .png, .pfm or .npy");
+    sub->add_option("--out-dir", options->out_dir, "many images: DIR/ARM/SHIFT/FFFF/CAMERA.exr");
+    sub->add_flag("--all-frames", options->all_frames, "every frame of the recipe");
+    sub->add_flag("--all-shifts", options->all_shifts, "every shift of the set's manifest");
+    sub->add_option("--json", options->json, "times as JSON; - is standard output");
+    sub->callback([options] { Run(*options).all(); });
+}
+
+}  // namespace vshift::cli
