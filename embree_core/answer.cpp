@@ -131,6 +131,7 @@ void sweep_answer(const Views& views, const Request& request, FrameFiles& files,
     Grid<uint8_t> classes;
     sweeper.classes(camera, depth, classes);
     add_mask(masks_of(classes), out.image);
+    if (request.certify) out.image.add("edge", plane_of(sweeper.edges(camera, depth, classes)));
     out.times.cast_ms = ms_since(start);
     const glm::dvec3 centre = camera.recorded_from_shifted.translation_m;
     if (const auto u = project(k, centre); u && centre.z > 1e-6 && in_image(k, *u)) {
@@ -169,7 +170,7 @@ Answer answer(const Recipe& recipe, const Request& request, FrameFiles& files) {
 
     const glm::dvec3 s = request.shift.translation_m;
     const Intrinsics& full = own.intrinsics;
-    const Intrinsics k{out.image.width, out.image.height, full.fx / stride,
+    const Intrinsics k{out.image.width,  out.image.height, full.fx / stride,
                        full.fy / stride, full.cx / stride, full.cy / stride};
     auto& meta = out.image.metadata;
     meta["vshift.version"] = version_string;

@@ -23,9 +23,7 @@ const std::vector<std::string>& depth_source_words();
 /// How far a stored 1/z may lie from the true one: `constant + relative / z + squared / z^2`.
 struct InverseDepthError {
     float constant = 0, relative = 0, squared = 0;
-    float at(float inverse_depth) const {
-        return constant + inverse_depth * (relative + inverse_depth * squared);
-    }
+    float at(float inverse_depth) const { return constant + inverse_depth * (relative + inverse_depth * squared); }
     bool none() const { return constant == 0 && relative == 0 && squared == 0; }
 };
 

@@ -29,7 +29,8 @@ struct NumberKey {
     double& (*in)(Request&);
 };
 const NumberKey number_keys[] = {
-    {"tolerance_px", 0, 4, "0 (a vertex for every pixel) to 4 pixels", [](Request& r) -> double& { return r.tolerance_px; }},
+    {"tolerance_px", 0, 4, "0 (a vertex for every pixel) to 4 pixels",
+     [](Request& r) -> double& { return r.tolerance_px; }},
     {"clear_m", 0, 1000, "metres from 0 to 1000", [](Request& r) -> double& { return r.clear_m; }},
     {"depth_tolerance", 0, 1, "a share of the depth from 0 to 1",
      [](Request& r) -> double& { return r.depth_tolerance; }},
@@ -48,8 +49,9 @@ const NumberKey number_keys[] = {
 };
 
 const std::vector<std::string> request_keys = [] {
-    std::vector<std::string> keys = {"camera", "frame",  "shift", "yaw_deg", "out", "from",  "view",
-                                     "method", "edge", "match", "arm",     "stride", "noise_seed", "depth_source"};
+    std::vector<std::string> keys = {"camera", "frame",  "shift",      "yaw_deg",      "out",
+                                     "from",   "view",   "method",     "edge",         "match",
+                                     "arm",    "stride", "noise_seed", "depth_source", "certify"};
     for (const NumberKey& key : number_keys) keys.push_back(key.name);
     return keys;
 }();
@@ -323,9 +325,12 @@ void check_against(const Recipe& recipe, const Request& request, const std::stri
                               (request.tolerance_px > 0 ? " and a mesh tolerance" : "");
     if (request.method == "sweep" && !can_sweep(request))
         refuse(where + ": method", "'sweep' for " + asked,
-               "out=mask, from=self and tolerance_px=0, or method=" + std::string(can_raster(request) ? "raster" : "embree"));
+               "out=mask, from=self and tolerance_px=0, or method=" +
+                   std::string(can_raster(request) ? "raster" : "embree"));
     if (request.method == "raster" && !can_raster(request))
         refuse(where + ": method", "'raster' for " + asked, "out=holes, warp, seam or condition and tolerance_px=0");
+    if (request.certify && chosen_method(request) != "sweep")
+        refuse(where + ": certify", "'1' for " + asked, "out=mask, from=self, tolerance_px=0 and method=sweep");
     if (!has_neighbors(request)) return;
     if (request.from == Source::rig)
         refuse(where + ": from", "'rig' for out=" + request.out,
@@ -466,8 +471,7 @@ void set_request_key(Request& request, const std::string& key, const std::string
         int value = 0;
         const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
         if (error != std::errc() || end != text.data() + text.size() || value < lowest || value > highest)
-            refuse(at, shown(text),
-                   "a whole number from " + std::to_string(lowest) + " to " + std::to_string(highest));
+            refuse(at, shown(text), "a whole number from " + std::to_string(lowest) + " to " + std::to_string(highest));
         return value;
     };
     if (key == "camera") {
@@ -513,6 +517,8 @@ void set_request_key(Request& request, const std::string& key, const std::string
         request.noise.seed = whole_from(0, 999999999);
     } else if (key == "depth_source") {
         request.depth_source = depth_source_of(text, at);
+    } else if (key == "certify") {
+        request.certify = one_of(text, {"0", "1"}, at) == "1";
     } else if (const auto number = std::find_if(std::begin(number_keys), std::end(number_keys),
                                                 [&](const NumberKey& k) { return key == k.name; });
                number != std::end(number_keys)) {
@@ -553,6 +559,7 @@ std::string canonical_text(const Request& request) {
     text += "&method=" + request.method + "&edge=" + request.edge + "&match=" + request.match;
     text += "&arm=" + request.arm + "&stride=" + std::to_string(request.stride);
     text += "&depth_source=" + (request.depth_source ? depth_source_words()[size_t(*request.depth_source)] : "auto");
+    text += request.certify ? "&certify=1" : "&certify=0";
     text += "&noise_seed=" + std::to_string(request.noise.seed);
     Request copy = request;
     for (const NumberKey& key : number_keys) text += std::string("&") + key.name + "=" + number(key.in(copy));

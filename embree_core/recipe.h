@@ -21,10 +21,10 @@ struct CameraSpec {
     std::string name;
     Intrinsics intrinsics;
     Pose ego_from_cam;
-    std::string image;          ///< may be empty: masks need depth only
-    std::string depth;          ///< EXR, 16-bit PNG, PFM or NPY
-    std::string depth_channel;  ///< for EXR; default "Z"
-    double depth_scale_m = 1;   ///< metres per stored unit (0.001 for millimetre PNG)
+    std::string image;                        ///< may be empty: masks need depth only
+    std::string depth;                        ///< EXR, 16-bit PNG, PFM or NPY
+    std::string depth_channel;                ///< for EXR; default "Z"
+    double depth_scale_m = 1;                 ///< metres per stored unit (0.001 for millimetre PNG)
     std::optional<DepthSource> depth_source;  ///< none: as the file stores it
 };
 
@@ -59,12 +59,13 @@ struct Request {
     std::string method = "auto";  ///< see `chosen_method`
     double clear_m = 2.0;
     std::optional<DepthSource> depth_source;  ///< none: as each camera of the recipe says
+    bool certify = false;                     ///< of a mask: say where it hinges on a silhouette's place within a pixel
     // Colours: warp, seam, condition.
-    std::string edge = "drop";           ///< "drop" or "keep": the far side's last half pixel at a tear
-    std::string match = "none";          ///< "none", "exposure" or "color"
-    double depth_tolerance = 0.02;       ///< share by which two depths of one surface may differ
-    std::string arm = "virtual_shift";   ///< of a condition; see condition.h
-    int stride = 1;                      ///< of a condition, in pixels
+    std::string edge = "drop";          ///< "drop" or "keep": the far side's last half pixel at a tear
+    std::string match = "none";         ///< "none", "exposure" or "color"
+    double depth_tolerance = 0.02;      ///< share by which two depths of one surface may differ
+    std::string arm = "virtual_shift";  ///< of a condition; see condition.h
+    int stride = 1;                     ///< of a condition, in pixels
     Degradations noise;
 };
 

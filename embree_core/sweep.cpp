@@ -62,6 +62,12 @@ bool is_row_aligned(const Axis& x, const Axis& y, double centre_z) {
     return (left > 0) == (right > 0) && across * x.size <= row_aligned_px * std::min(std::fabs(left), std::fabs(right));
 }
 
+bool follows_rows(const SweepCamera& camera) {
+    const Intrinsics& k = camera.recorded;
+    const glm::dvec3 c = camera.recorded_from_shifted.translation_m;
+    return c == glm::dvec3(0.0) || is_row_aligned({k.fx, k.cx, c.x, k.width}, {k.fy, k.cy, c.y, k.height}, c.z);
+}
+
 void transpose(const float* in, int width, int height, float* out) {
     constexpr int tile = 32;
     tbb::parallel_for(tbb::blocked_range<int>(0, (width + tile - 1) / tile), [&](const tbb::blocked_range<int>& range) {
@@ -99,9 +105,9 @@ void Sweeper::classes(const SweepCamera& camera, const DepthMap& depth, Grid<uin
     const PixelRule rule = pixel_rule(camera);
     const size_t width = size_t(k.width);
 
-    if (baseline == 0 || is_row_aligned(x, y, c.z)) {
+    if (follows_rows(camera)) {
         const int heading = way(x, 0.5 * x.size, c.z) >= 0 ? 1 : -1;
-        const LineRule row_rule = line_rule(x, c.z, baseline, camera.rules, heading > 0 ? 0 : k.width - 1, heading);
+        const LineRule row_rule = line_rule(x, camera, heading > 0 ? 0 : k.width - 1, heading);
         tbb::enumerable_thread_specific<Line> rooms([&] { return Line(width); });
         tbb::parallel_for(tbb::blocked_range<int>(0, k.height, 8), [&](const tbb::blocked_range<int>& range) {
             Line& room = rooms.local();
@@ -171,6 +177,35 @@ void Sweeper::classes(const SweepCamera& camera, const DepthMap& depth, Grid<uin
             kernels().pixels(rule, &depth.data[size_t(row) * width], row, width, target);
         }
     });
+}
+
+Mask Sweeper::edges(const SweepCamera& camera, const DepthMap& depth, const Grid<uint8_t>& classes) {
+    constexpr uint8_t asked = occluded_bit | unknown_bit;
+    SweepCamera bound = camera;
+    bound.rules.tear_px *= 0.5;
+    bound.rules.tear_break = bound.rules.crease_break = 0.1;
+    Grid<uint8_t> shortest, longest;
+    bound.reach_px = 0;
+    this->classes(bound, depth, shortest);
+    bound.reach_px = 1;
+    this->classes(bound, depth, longest);
+    const int width = classes.width, height = classes.height;
+    // The lines of other shifts pass up to half a pixel beside a pixel's centre, over what lies there.
+    const int beside = follows_rows(camera) ? 0 : 1;
+    Mask out(width, height, 0);
+    tbb::parallel_for(0, height, [&](int y) {
+        const int top = std::max(0, y - beside), bottom = std::min(height - 1, y + beside);
+        for (int x = 0; x < width; ++x) {
+            const uint8_t own = classes.at(x, y) & asked;
+            uint8_t differs = 0;
+            for (int v = top; v <= bottom; ++v)
+                for (int u = std::max(0, x - beside); u <= std::min(width - 1, x + beside); ++u)
+                    differs |= uint8_t(
+                        ((classes.at(u, v) ^ own) | (shortest.at(u, v) ^ own) | (longest.at(u, v) ^ own)) & asked);
+            out.at(x, y) = differs != 0;
+        }
+    });
+    return out;
 }
 
 RecordedMasks masks_of(const Grid<uint8_t>& classes) {

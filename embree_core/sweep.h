@@ -25,6 +25,7 @@ struct SweepCamera {
     Pose recorded_from_shifted;  ///< V in R's frame
     double clear_m = 2.0;        ///< radius round V's centre that is taken as free
     DepthRules rules{};
+    float reach_px = 0.5f;       ///< how far a surface goes on past its last pixel's centre: from 0 to 1 it may be
     double lines_per_px = 1.5;   ///< where lines are not the rows: how close they lie at the image's far border
 };
 
@@ -37,6 +38,11 @@ public:
     /// One byte of ClassBits per pixel. The same bytes whatever the number of threads. Throws Error
     /// bad_input when a size does not fit.
     void classes(const SweepCamera& camera, const DepthMap& depth, Grid<uint8_t>& out);
+
+    /// Pixels whose class hinges on where between two pixels a silhouette lies, which depth sampled once a pixel does
+    /// not tell: those that change between the shortest and the longest reach of every surface, suspected tears
+    /// included. Where lines do not follow the rows, their neighbours too. Takes the time of two more sweeps.
+    Mask edges(const SweepCamera& camera, const DepthMap& depth, const Grid<uint8_t>& classes);
 
 private:
     struct Buffers;

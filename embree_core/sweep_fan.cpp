@@ -23,24 +23,21 @@ constexpr double near_epipole_px = 65536;
 }  // namespace
 
 TearRule tear_rule(const DepthRules& rules, double px_per_q) {
-    return {float(px_per_q),
-            float(rules.tear_px),
-            float(rules.tear_break),
-            float(rules.crease_break),
-            4 * rules.error.constant,
-            4 * rules.error.relative,
-            4 * rules.error.squared};
+    return {float(px_per_q),          float(rules.tear_px),     float(rules.tear_break), float(rules.crease_break),
+            4 * rules.error.constant, 4 * rules.error.relative, 4 * rules.error.squared};
 }
 
-LineRule line_rule(const Axis& major, double centre_z, double baseline, const DepthRules& rules, int first,
-                   int heading) {
+LineRule line_rule(const Axis& major, const SweepCamera& camera, int first, int heading) {
+    const glm::dvec3& centre_m = camera.recorded_from_shifted.translation_m;
+    const double centre_z = centre_m.z;
     LineRule rule;
     rule.place0 = 0;
     rule.gain0 = float((first + 0.5 - major.middle) * centre_z - major.focal * major.centre_m);
     rule.gain_step = float(heading * centre_z);
     rule.centre_z = float(centre_z);
-    rule.tear = tear_rule(rules, major.focal * baseline);
-    rule.error = rules.error;
+    rule.tear = tear_rule(camera.rules, major.focal * glm::length(centre_m));
+    rule.error = camera.rules.error;
+    rule.reach = camera.reach_px;
     return rule;
 }
 
@@ -189,7 +186,7 @@ void sweep_fan_line(const SweepCamera& camera, const float* image, Fan& fan, Fan
     const Intrinsics& k = camera.recorded;
     const glm::dvec3& c = camera.recorded_from_shifted.translation_m;
     const Axis major = fan.transposed ? Axis{k.fy, k.cy, c.y, k.height} : Axis{k.fx, k.cx, c.x, k.width};
-    LineRule rule = line_rule(major, c.z, glm::length(c), camera.rules, first, fan.heading);
+    LineRule rule = line_rule(major, camera, first, fan.heading);
     const auto ray_at = [&](double m) {
         const double n = line.at_zero + line.slope * m;
         return ray(k, fan.transposed ? glm::dvec2(n, m) : glm::dvec2(m, n));

@@ -15,7 +15,7 @@ struct Axis {
 };
 
 /// The rule of a line whose sample 0 lies at `first` on the axis.
-LineRule line_rule(const Axis& major, double centre_z, double baseline, const DepthRules& rules, int first, int heading);
+LineRule line_rule(const Axis& major, const SweepCamera& camera, int first, int heading);
 
 /// The same tears as `lift`'s, along an axis of this focal length.
 TearRule tear_rule(const DepthRules& rules, double px_per_q);

@@ -29,6 +29,7 @@ struct LineRule {
     float centre_z;          ///< V's centre along R's axis, metres
     TearRule tear;
     InverseDepthError error;
+    float reach;  ///< of a surface past its last sample, 0 to 1
 };
 
 /// How a pixel's own point lies to V: for `outside` and `unseen`.

@@ -198,15 +198,15 @@ private:
         return answer;
     }
 
-    /// 1/z where sample i's own surface ends, half a sample towards i + way across a tear (as lift.h has it).
-    int32_t half_edge_key(size_t i, int way) const {
+    /// Where sample i's own surface ends, `reach` samples towards i + way across a tear (half of one in lift.h).
+    int32_t edge_key(size_t i, int way) const {
         const float own = q_[i];
         float q = own;
         if (way > 0 ? i > 0 && joined(i - 1) : i + 1 < n_ && joined(i)) {
             const float other = q_[way > 0 ? i - 1 : i + 1];
-            q = std::clamp(own + 0.5f * (own - other), 0.5f * own, 2.0f * own);
+            q = std::clamp(own + rule_.reach * (own - other), 0.5f * own, 2.0f * own);
         }
-        return key_of(rule_, float(i) + 0.5f * float(way), q);
+        return key_of(rule_, float(i) + rule_.reach * float(way), q);
     }
 
     /// The top of a wall beside a sample without a measurement.
@@ -217,7 +217,7 @@ private:
 
     /// The last sample's surface ends at the border, without a wall: what passes below it came there through one.
     int32_t begin_at_border(size_t i) {
-        const int32_t start = solid(i)     ? half_edge_key(i, +1)
+        const int32_t start = solid(i)     ? edge_key(i, +1)
                               : invalid(i) ? top_key(float(i) + 0.5f)
                                            : key_of(rule_, float(i) + 0.5f, 0);
         gaps_.clear();
@@ -231,13 +231,14 @@ private:
         const float middle = float(i) + 0.5f;
         int32_t far;
         if (solid(i + 1)) {
-            far = half_edge_key(i + 1, -1);
+            far = edge_key(i + 1, -1);
             ask(line_.key[i + 1], far);
         } else {
             far = invalid(i + 1) ? top_key(middle) : key_of(rule_, middle, 0);
         }
         const int32_t near = invalid(i) ? top_key(middle) : key_of(rule_, middle, 0);
-        const int32_t start = solid(i) ? half_edge_key(i, +1) : near;
+        int32_t start = solid(i) ? edge_key(i, +1) : near;
+        if (rule_.reach == 0 && solid(i)) start = line_.key[i] - 1;  // begins at the sample, and does not face away
         const int32_t top = std::max(start, far);
         if (top > highest_) {
             gaps_.push(highest_ + 1, top);

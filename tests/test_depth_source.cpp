@@ -44,7 +44,8 @@ DepthMap stored_as(DepthSource source, const DepthMap& exact) {
             float sum = 0;
             for (int dy = -2; dy <= 2; ++dy)
                 for (int dx = -2; dx <= 2; ++dx) {
-                    const float z = exact.at(std::clamp(x + dx, 0, out.width - 1), std::clamp(y + dy, 0, out.height - 1));
+                    const float z =
+                        exact.at(std::clamp(x + dx, 0, out.width - 1), std::clamp(y + dy, 0, out.height - 1));
                     sum += share[dx + 2] * share[dy + 2] / z;
                 }
             out.at(x, y) = sum > 0 ? 1 / sum : std::numeric_limits<float>::infinity();
@@ -113,7 +114,8 @@ TEST_CASE("the box keeps its patch and strip whatever the depth is stored as", "
     const MinimalScene s = make_scene("box");
     const Asked exact = ask(s, DepthSource::exact, DepthSource::exact);
     REQUIRE(count(exact.swept.occluded) == 1600);
-    for (const DepthSource source : {DepthSource::half, DepthSource::mm16, DepthSource::disparity8, DepthSource::mono}) {
+    for (const DepthSource source :
+         {DepthSource::half, DepthSource::mm16, DepthSource::disparity8, DepthSource::mono}) {
         INFO(depth_source_words()[size_t(source)]);
         const Asked got = ask(s, source, source);
         CHECK(f1(got.swept.occluded, exact.swept.occluded) > 0.97);

@@ -236,6 +236,7 @@ void add_answer_verbs(CLI::App& app) {
         request_key("--depth_source,--depth-source", "depth_source",
                     "auto, exact, half, mm16, disparity8 or mono: what errors depth has");
         const std::string word = name;
+        if (word == "mask") request_key("--certify", "certify", "1: channel `edge`, where a silhouette's sampling decides");
         const bool seam = word == "seam" || word == "condition";
         if (seam || word == "warp")
             request_key("--edge", "edge", "drop or keep: the far side's last half pixel at an edge, which mixes both");
