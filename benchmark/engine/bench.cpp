@@ -161,6 +161,7 @@ ordered_json run_bench(const Options& options, const Hooks& hooks) {
     plan_accuracy(bench, plan);
     plan_torch(bench, plan);
     plan_rig(bench, plan);
+    plan_sources(bench, plan);
     ordered_json steps = plan.run(hooks);
     bench.out["torch"] = bench.no_torch.empty() ? "measured" : "not measured: " + bench.no_torch;
     summarise(bench);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Role: `vshift bench`: speed and accuracy of the mask engine and its peers, in one run, as one JSON.
-// Parts: accuracy.cpp (what is right), costs.cpp (what it takes), torch_peer.cpp (the peer in Python).
+// Parts: accuracy.cpp (what is right), sources.cpp (what depth's source asks for), costs.cpp (what it takes),
+// torch_peer.cpp (the peer in Python).
 #pragma once
 #include <filesystem>
 #include <functional>
@@ -80,6 +81,7 @@ void plan_accuracy(Bench& bench, Plan& plan);
 void plan_rig(Bench& bench, Plan& plan);
 void plan_timing(Bench& bench, Plan& plan);
 void plan_costs(Bench& bench, Plan& plan);
+void plan_sources(Bench& bench, Plan& plan);
 void plan_torch(Bench& bench, Plan& plan);
 /// Times of the peer in Python, for one round of `plan_timing`: per case and thread count what it took, and
 /// how much of it was the splat, the rest being its depth test.
