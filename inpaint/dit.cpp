@@ -18,15 +18,6 @@ Tensor layer_norm(const Tensor& x, double eps, const Tensor& weight = {}, const 
     return at::layer_norm(x, {x.size(-1)}, weight, bias, eps);
 }
 
-/// cos, then sin, of t times 10000^(-i / half).
-Tensor time_sinusoids(const Tensor& t, int64_t dim) {
-    const int64_t half = dim / 2;
-    const auto options = at::TensorOptions().dtype(at::kDouble).device(t.device());
-    const Tensor rate = at::pow(10000.0, at::arange(half, options) / double(-half));
-    const Tensor angle = t.to(at::kDouble).unsqueeze(-1) * rate;
-    return at::cat({at::cos(angle), at::sin(angle)}, -1).to(at::kFloat);
-}
-
 /// Angles of the rotary embedding, [F * h * w, width / 2]: shares of time, rows and columns.
 Tensor rotary_angles(int64_t width, int64_t first_frame, int64_t f, int64_t h, int64_t w, at::Device device) {
     const auto options = at::TensorOptions().dtype(at::kDouble).device(device);
@@ -156,6 +147,14 @@ void require(bool holds, const std::string& field, const std::string& got, const
 }
 
 }  // namespace
+
+Tensor time_sinusoids(const Tensor& t, int64_t dim) {
+    const int64_t half = dim / 2;
+    const auto options = at::TensorOptions().dtype(at::kDouble).device(t.device());
+    const Tensor rate = at::pow(10000.0, at::arange(half, options) / double(-half));
+    const Tensor angle = t.to(at::kDouble).unsqueeze(-1) * rate;
+    return at::cat({at::cos(angle), at::sin(angle)}, -1).to(at::kFloat);
+}
 
 Tensor dit_forward(const Dit& dit, const Tensor& x, const Tensor& t, const Tensor& text, const DitOptions& options) {
     const DitConfig& c = dit.config;

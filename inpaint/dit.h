@@ -30,6 +30,9 @@ struct DitOptions {
     bool commit = true;         ///< whether this call's frames become the cache's past
 };
 
+/// cos, then sin, of t times 10000^(-i / half): [..., dim] for t [...].
+Tensor time_sinusoids(const Tensor& t, int64_t dim);
+
 /// `x` [B, C, F, H, W]; `t` in 0..1000, [B, 1], [B, F] or [B, tokens]; `text` [B, n, text_dim] with n <= text_len, or
 /// undefined where the config has no text. Returns [B, out_channels, F, H, W]. H and W are multiples of the patch.
 Tensor dit_forward(const Dit& dit, const Tensor& x, const Tensor& t, const Tensor& text = {},

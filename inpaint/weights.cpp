@@ -84,25 +84,27 @@ uint64_t hash_of(const Weights& weights) {
     return hash_of(std::move(stored));
 }
 
-Weights initial_dit(const DitConfig& config, uint64_t seed) {
+Weights initial_weights(const Layout& layout, uint64_t seed, const std::function<bool(const std::string&)>& zero) {
     Weights out;
     uint64_t state = seed * 0xd1342543de82ef95ull + 1;
-    for (const auto& [name, shape] : dit_layout(config)) {
+    for (const auto& [name, shape] : layout) {
         Tensor t = at::zeros(shape, at::kFloat);
         const auto ends = [&](const std::string& with) {
             return name.size() >= with.size() && name.compare(name.size() - with.size(), with.size(), with) == 0;
         };
-        if (name.find("norm") != std::string::npos)
-            t.fill_(ends(".weight") ? 1 : 0);
+        if (name.find("norm") != std::string::npos || ends("gamma"))
+            t.fill_(ends(".bias") ? 0 : 1);
         else if (ends("modulation"))
-            fill_uniform(t, std::sqrt(3.0 / double(config.dim)), state);
-        else if (ends(".weight") && name != "head.head.weight") {
-            const int64_t fan_in = t.numel() / t.size(0);
-            fill_uniform(t, std::sqrt(3.0 / double(fan_in)), state);
-        }
+            fill_uniform(t, std::sqrt(3.0 / double(t.size(-1))), state);
+        else if (ends(".weight") && !zero(name))
+            fill_uniform(t, std::sqrt(3.0 / double(t.numel() / t.size(0))), state);
         out[name] = t;
     }
     return out;
+}
+
+Weights initial_dit(const DitConfig& config, uint64_t seed) {
+    return initial_weights(dit_layout(config), seed, [](const std::string& name) { return name == "head.head.weight"; });
 }
 
 void widen_input(Weights& weights, DitConfig& config, int64_t in_channels, uint64_t seed, bool zero) {

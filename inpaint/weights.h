@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Role: named tensors between safetensors files and Torch. Stage: inpaint (weights).
 #pragma once
+#include <functional>
 #include <map>
 #include <string>
 
@@ -27,9 +28,10 @@ Weights load_weights(const TensorFiles& files, const Layout& layout, Network net
 /// hash_of over the weights as they are.
 uint64_t hash_of(const Weights& weights);
 
-/// Fresh weights: every matrix uniform in +-sqrt(3 / fan in), biases 0, norms 1, modulations small; what makes the
-/// output (head.head) is 0, so that training begins at the fill. Same seed, same numbers.
-Weights initial_dit(const DitConfig& config, uint64_t seed);
+/// Fresh weights: matrices uniform in +-sqrt(3 / fan in), biases 0, norms 1, modulations small; `zero(name)` says what
+/// begins at 0, such as the output, so that training begins at the fill. Same seed, same numbers on every Torch.
+Weights initial_weights(const Layout& layout, uint64_t seed, const std::function<bool(const std::string&)>& zero);
+Weights initial_dit(const DitConfig& config, uint64_t seed);  ///< head.head at 0
 
 /// The same network with more input channels (paper III-E): what was there is copied bit for bit and stays first, new
 /// channels are Kaiming-uniform (or 0). `config` is changed along.
