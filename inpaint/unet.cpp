@@ -22,8 +22,7 @@ Tensor block(const Weights& w, const std::string& name, const Tensor& x, const T
 }
 
 Tensor twice_as_large(const Tensor& x) {
-    const auto s = x.sizes();
-    return x.unsqueeze(3).unsqueeze(5).expand({-1, -1, -1, 2, -1, 2}).reshape({s[0], s[1], 2 * s[2], 2 * s[3]});
+    return at::upsample_nearest2d(x, {2 * x.size(2), 2 * x.size(3)});
 }
 
 }  // namespace
@@ -103,7 +102,9 @@ Tensor unet_forward(const UnetConfig& c, const Weights& w, const Tensor& input, 
     time = at::linear(at::silu(at::linear(time, get(w, "time.0.weight"), get(w, "time.0.bias"))), get(w, "time.2.weight"),
                       get(w, "time.2.bias"));
     time = at::silu(time).repeat_interleave(F, 0);
-    Tensor x = conv(w, "in", at::pixel_unshuffle(input.transpose(1, 2).flatten(0, 1), 2));
+    // Channels last: oneDNN's convolutions are up to twice as fast so.
+    const Tensor seen = at::pixel_unshuffle(input.transpose(1, 2).flatten(0, 1), 2);
+    Tensor x = conv(w, "in", seen.contiguous(at::MemoryFormat::ChannelsLast));
     std::vector<Tensor> skips;
     const size_t levels = c.widths.size();
     for (size_t i = 0; i < levels; ++i) {
@@ -117,7 +118,7 @@ Tensor unet_forward(const UnetConfig& c, const Weights& w, const Tensor& input, 
         x = conv(w, at_level("grow", i), at::silu(at::cat({twice_as_large(x), skips[i]}, 1)));
         x = block(w, at_level("up", i), x, time);
     }
-    x = at::pixel_shuffle(conv(w, "out", at::silu(x)), 2);
+    x = at::pixel_shuffle(conv(w, "out", at::silu(x)), 2).contiguous();
     return x.view({B, F, c.out_channels, H, W}).transpose(1, 2);
 }
 
