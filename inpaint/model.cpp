@@ -33,11 +33,6 @@ Layout network_layout(const ModelConfig& c) {
     throw Error(ExitCode::bad_input, where + ": got " + got + ", expected " + expected);
 }
 
-Tensor padded(const Tensor& x, int64_t down, int64_t right) {
-    if (!x.defined() || (down == 0 && right == 0)) return x;
-    return at::replication_pad3d(x, {0, right, 0, down, 0, 0});
-}
-
 uint64_t mixed(uint64_t seed, uint64_t number) {
     uint64_t z = seed * 0x9e3779b97f4a7c15ull + number + 0x632be59bd9b4e019ull;
     z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ull;
@@ -173,6 +168,17 @@ int64_t model_side(const ModelConfig& c) {
     return in_pixels(c) ? patch : patch * vae_side(c.vae);
 }
 
+Views padded(const ModelConfig& config, const Views& views) {
+    const int64_t side = model_side(config), down = (side - views.fill.size(3) % side) % side,
+                  right = (side - views.fill.size(4) % side) % side;
+    if (down == 0 && right == 0) return views;
+    Views v = views;
+    for (Tensor* x : {&v.fill, &v.target, &v.inverse_depth})
+        if (x->defined()) *x = at::replication_pad3d(*x, {0, right, 0, down, 0, 0});
+    for (Tensor* x : {&v.hole, &v.neighbor}) *x = at::constant_pad_nd(*x, {0, right, 0, down});
+    return v;
+}
+
 Example prepare(const Model& model, const Views& v, VaeState* target_state, VaeState* condition_state) {
     const ModelConfig& c = model.config;
     Example e;
@@ -229,12 +235,9 @@ Tensor noise(at::IntArrayRef sizes, uint64_t seed, uint64_t number) {
 Tensor inpaint(const Model& model, const Views& input, int steps, uint64_t seed, Stream& stream) {
     at::NoGradGuard no_grad;
     const ModelConfig& c = model.config;
-    const int64_t H = input.fill.size(3), W = input.fill.size(4), side = model_side(c);
-    const int64_t down = (side - H % side) % side, right = (side - W % side) % side;
-    Views v = input;
+    const int64_t H = input.fill.size(3), W = input.fill.size(4);
+    Views v = padded(c, input);
     v.target = Tensor();
-    for (Tensor* x : {&v.fill, &v.hole, &v.neighbor, &v.inverse_depth}) *x = padded(*x, down, right);
-
     const Example e = prepare(model, v, nullptr, &stream.condition);
     const int64_t frames = e.condition.size(2);
     const std::vector<double> times = flow_times(c.flow ? steps : 1, c.time_shift);

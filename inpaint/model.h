@@ -55,6 +55,9 @@ struct Views {
 /// H and W that the model takes are multiples of this.
 int64_t model_side(const ModelConfig& config);
 
+/// Grown at the right and lower borders to what the model takes; what is added is known and repeats the border.
+Views padded(const ModelConfig& config, const Views& views);
+
 /// The network's space: what it is asked for, what it sees, and where it counts.
 struct Example {
     Tensor z0;         ///< [B, Z, F, h, w]; undefined without a target

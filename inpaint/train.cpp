@@ -90,7 +90,7 @@ std::pair<double, Weights> gradients(const Model& model, const Weights& weights,
     double loss = 0;
     for (int64_t pass = 0; pass < o.accumulate; ++pass) {
         const uint64_t first = uint64_t(step * o.accumulate * o.batch + pass * o.batch);
-        Example e = prepare(model, gathered(hooks, first, o.batch));
+        Example e = prepare(model, padded(model.config, gathered(hooks, first, o.batch)));
         const at::Device device = leaves[0].device();
         for (Tensor* t : {&e.z0, &e.condition, &e.weight}) *t = t->to(device);
         auto one = e.z0.sizes().vec();
