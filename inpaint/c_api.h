@@ -35,6 +35,7 @@ typedef struct {
     const float* neighbor;      /* 1: share pasted from a neighbour */
     const float* inverse_depth; /* 1: 1/m, 0 in holes and sky */
     const float* target;        /* 3: training only, else NULL */
+    const float* weight;        /* 1: how much an error counts in training; NULL: hole or neighbor */
 } vshift_inpaint_views;
 
 /* Training. `sample` gives what it always gives for that number; its memory must last until its next call. All samples

@@ -175,7 +175,8 @@ Views padded(const ModelConfig& config, const Views& views) {
     Views v = views;
     for (Tensor* x : {&v.fill, &v.target, &v.inverse_depth})
         if (x->defined()) *x = at::replication_pad3d(*x, {0, right, 0, down, 0, 0});
-    for (Tensor* x : {&v.hole, &v.neighbor}) *x = at::constant_pad_nd(*x, {0, right, 0, down});
+    for (Tensor* x : {&v.hole, &v.neighbor, &v.weight})
+        if (x->defined()) *x = at::constant_pad_nd(*x, {0, right, 0, down});
     return v;
 }
 
@@ -184,9 +185,10 @@ Example prepare(const Model& model, const Views& v, VaeState* target_state, VaeS
     Example e;
     std::vector<Tensor> seen;
     Tensor hole = v.hole, neighbor = v.neighbor, near = (v.inverse_depth * near_m).clamp(0, 2) - 1;
-    e.weight = at::maximum(hole, neighbor);
+    e.may_change = at::maximum(hole, neighbor);
+    e.weight = v.weight.defined() ? v.weight : e.may_change;
     if (in_pixels(c)) {
-        if (v.target.defined()) e.z0 = (v.target - v.fill) * c.residual_scale * e.weight;
+        if (v.target.defined()) e.z0 = (v.target - v.fill) * c.residual_scale * e.may_change;
         seen.push_back(v.fill * 2 - 1);
     } else {
         at::NoGradGuard frozen;
@@ -196,7 +198,7 @@ Example prepare(const Model& model, const Views& v, VaeState* target_state, VaeS
         if (v.target.defined()) e.z0 = vae_encode(model.vae, v.target * 2 - 1, target_state ? *target_state : own_target);
         seen.push_back(vae_encode(model.vae, v.fill * 2 - 1, condition));
         const int64_t side = vae_side(c.vae), frames = vae_frames(c.vae);
-        for (Tensor* x : {&hole, &neighbor, &near, &e.weight}) *x = shares(*x, side, frames, first);
+        for (Tensor* x : {&hole, &neighbor, &near, &e.may_change, &e.weight}) *x = shares(*x, side, frames, first);
     }
     if (c.masks) {
         seen.push_back(hole);
@@ -218,7 +220,7 @@ Tensor loss_of(const Model& model, const Weights& weights, const Example& e, con
     const ModelConfig& c = model.config;
     const Tensor t = c.flow ? time : at::ones({e.z0.size(0)}, e.z0.options());
     Tensor z1 = c.flow ? noise : at::zeros_like(e.z0);
-    if (in_pixels(c)) z1 = z1 * e.weight;  // what is known is not noise
+    if (in_pixels(c)) z1 = z1 * e.may_change;  // what is known is not noise
     DitOptions options;
     options.window = c.window;
     const Tensor z = flow_point(e.z0, z1, t.view({-1, 1, 1, 1, 1}));
@@ -250,7 +252,7 @@ Tensor inpaint(const Model& model, const Views& input, int steps, uint64_t seed,
         parts.push_back(c.flow ? noise(size, seed, uint64_t(stream.frames + f)) : at::zeros(size));
     }
     Tensor z1 = at::cat(parts, 2).to(e.condition.device());
-    if (in_pixels(c)) z1 = z1 * e.weight;
+    if (in_pixels(c)) z1 = z1 * e.may_change;
     const Tensor z0 = euler(z1, times, [&](const Tensor& z, double t, int step) {
         DitOptions options;
         options.window = c.window;

@@ -50,6 +50,7 @@ struct Views {
     Tensor neighbor;       ///< 1: pasted from a neighbour
     Tensor inverse_depth;  ///< 1, in 1/m; 0 in holes and sky
     Tensor target;         ///< 3: training only
+    Tensor weight;         ///< 1: how much an error counts in training; undefined: hole or neighbor
 };
 
 /// H and W that the model takes are multiples of this.
@@ -62,7 +63,8 @@ Views padded(const ModelConfig& config, const Views& views);
 struct Example {
     Tensor z0;         ///< [B, Z, F, h, w]; undefined without a target
     Tensor condition;  ///< [B, C, F, h, w]
-    Tensor weight;     ///< [B, 1, F, h, w]: the share that may change
+    Tensor may_change;  ///< [B, 1, F, h, w]: share
+    Tensor weight;      ///< the same size: how much an error counts
 };
 Example prepare(const Model& model, const Views& views, VaeState* target_state = nullptr,
                 VaeState* condition_state = nullptr);

@@ -14,6 +14,7 @@ namespace vshift::inpaint {
 namespace {
 
 constexpr int color_samples = 2;  // a side of a pixel
+constexpr float outside_weight = 0.1f;
 
 void put_display_values(const ColorImage& image, std::vector<float>& planes) {
     const size_t n = image.size();
@@ -22,9 +23,9 @@ void put_display_values(const ColorImage& image, std::vector<float>& planes) {
         for (int c = 0; c < 3; ++c) planes[size_t(c) * n + i] = float(srgb_from_linear(double(image.data[i][c])));
 }
 
-int lost_pixels(const Grid<uint8_t>& classes, Mask& hole) {
+size_t lost_pixels(const Grid<uint8_t>& classes, Mask& hole) {
     hole = Mask(classes.width, classes.height);
-    int count = 0;
+    size_t count = 0;
     for (size_t i = 0; i < classes.size(); ++i) count += hole.data[i] = (classes.data[i] & (occluded_bit | outside_bit)) != 0;
     return count;
 }
@@ -33,7 +34,8 @@ int lost_pixels(const Grid<uint8_t>& classes, Mask& hole) {
 
 vshift_inpaint_views PairPlanes::views() const {
     return {1,           height,          width,       fill.data(), hole.data(), neighbor.data(), inverse_depth.data(),
-            target.empty() ? nullptr : target.data()};
+            target.empty() ? nullptr : target.data(),
+            weight.empty() ? nullptr : weight.data()};
 }
 
 PairPlanes planes_of(const ColorImage& color, const DepthMap& depth, const Mask& hole, const ColorImage* target) {
@@ -86,9 +88,16 @@ PairPlanes training_pair(const RecordedViews& recorded, uint64_t seed, uint64_t 
         Grid<uint8_t> classes;
         sweeper.classes(camera, view.depth, classes);
         Mask hole;
-        const int count = lost_pixels(classes, hole);
-        if (count == 0 || size_t(count) == hole.size()) continue;
-        return planes_of(view.color, view.depth, hole, &view.color);
+        if (lost_pixels(classes, hole) == hole.size()) continue;
+        PairPlanes pair = planes_of(view.color, view.depth, hole, &view.color);
+        pair.weight.resize(classes.size());
+        bool any = false;
+        for (size_t i = 0; i < classes.size(); ++i) {
+            const bool occluded = (classes.data[i] & (occluded_bit | outside_bit)) == occluded_bit;
+            pair.weight[i] = occluded ? 1.0f : hole.data[i] ? outside_weight : 0.0f;
+            any |= occluded;
+        }
+        if (any) return pair;
     }
 }
 

@@ -15,7 +15,7 @@ namespace vshift::inpaint {
 /// Planes as the network takes them (c_api.h).
 struct PairPlanes {
     int width = 0, height = 0;
-    std::vector<float> target, fill, hole, neighbor, inverse_depth;
+    std::vector<float> target, fill, hole, neighbor, inverse_depth, weight;
     vshift_inpaint_views views() const;
 };
 
@@ -35,7 +35,8 @@ RecordedViews record_streets(const std::vector<uint32_t>& seeds, int frames, int
                              const std::function<void(size_t done, size_t total)>& show);
 
 /// Training pair `number` of a run: a view and a sideways shift of 0.5 to 4 m to either side (up to 1 m along) follow
-/// from seed and number. What is lost from there is the hole (method.md section 2). Views that lose nothing are passed by.
+/// from seed and number. What is lost from there is the hole (method.md section 2). Views in which nothing is occluded are passed by. What
+/// is outside V's frame weighs a tenth: it is several times as much and can be guessed less.
 PairPlanes training_pair(const RecordedViews& recorded, uint64_t seed, uint64_t number);
 
 /// A true shifted view: what the own camera saw, warped there; its holes; and the truth, rendered.

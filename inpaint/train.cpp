@@ -65,11 +65,12 @@ Views gathered(const TrainHooks& hooks, uint64_t first, int64_t count) {
     for (int64_t i = 0; i < count; ++i) all.push_back(hooks.views(first + uint64_t(i)));
     const auto joined = [&](Tensor Views::*field) {
         std::vector<Tensor> parts;
-        for (const Views& v : all) parts.push_back(v.*field);
-        return at::cat(parts, 0);
+        for (const Views& v : all)
+            if ((v.*field).defined()) parts.push_back(v.*field);
+        return parts.empty() ? Tensor() : at::cat(parts, 0);
     };
     return {joined(&Views::fill), joined(&Views::hole), joined(&Views::neighbor), joined(&Views::inverse_depth),
-            joined(&Views::target)};
+            joined(&Views::target), joined(&Views::weight)};
 }
 
 }  // namespace
@@ -92,7 +93,7 @@ std::pair<double, Weights> gradients(const Model& model, const Weights& weights,
         const uint64_t first = uint64_t(step * o.accumulate * o.batch + pass * o.batch);
         Example e = prepare(model, padded(model.config, gathered(hooks, first, o.batch)));
         const at::Device device = leaves[0].device();
-        for (Tensor* t : {&e.z0, &e.condition, &e.weight}) *t = t->to(device);
+        for (Tensor* t : {&e.z0, &e.condition, &e.may_change, &e.weight}) *t = t->to(device);
         auto one = e.z0.sizes().vec();
         one[0] = 1;
         std::vector<Tensor> noises, times;

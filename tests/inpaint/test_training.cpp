@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Flow matching's signs, streams in pieces, and training: accumulation, resumption, what it leaves alone.
+#include <sys/resource.h>
 #include <unistd.h>
 
+#include <chrono>
+#include <cstdlib>
 #include <fstream>
 
 #include "inpaint/train.h"
@@ -155,7 +158,7 @@ TEST_CASE("streams: any pieces give what one shot gives, and memory stays", "[st
         const Views all = sample(5, frames, 32, 32);
         const auto piece = [&](int64_t at, int64_t n) {
             return Views{all.fill.narrow(2, at, n), all.hole.narrow(2, at, n), all.neighbor.narrow(2, at, n),
-                         all.inverse_depth.narrow(2, at, n), {}};
+                         all.inverse_depth.narrow(2, at, n), {}, {}};
         };
         Stream once;
         const Tensor whole = inpaint::inpaint(m, all, 2, 7, once);
@@ -188,6 +191,32 @@ TEST_CASE("streams: any pieces give what one shot gives, and memory stays", "[st
         Stream first;
         CHECK(worst(inpaint::inpaint(m, piece(0, 1), 2, 7, first), whole.narrow(2, 0, 1)) < 1e-5);
     }
+}
+
+// For docs/network.md: peak memory of the process, so one run each: VSHIFT_STREAM=97 streamed, VSHIFT_STREAM=-97 in one
+// shot, with full attention.
+TEST_CASE("streams: memory and time against the number of frames", "[.][streaming]") {
+    const char* given = std::getenv("VSHIFT_STREAM");
+    REQUIRE(given);
+    const bool streamed = given[0] != '-';
+    const int64_t frames = std::abs(std::atoi(given));
+    ModelConfig c = small(Kind::latent_dit, true, streamed ? 4 : 0);
+    c.vae = parse_vae_config(nlohmann::json::parse(R"({"dim":16,"dec_dim":16,"z_dim":16,"res_blocks":1})"), "test");
+    c.dit = parse_dit_config(nlohmann::json::parse(R"({"dim":128,"ffn_dim":512,"layers":4,"heads":4,"freq_dim":64,
+        "text_dim":0,"patch":[1,1,1]})"), "test");
+    const Model m = woken(c);
+    const auto start = std::chrono::steady_clock::now();
+    Stream stream;
+    for (int64_t at = 0; at < frames;) {
+        const int64_t n = !streamed ? frames : at == 0 ? 1 : 4;
+        inpaint::inpaint(m, sample(uint64_t(at), n, 128, 224), 2, 7, stream);
+        at += n;
+    }
+    const double ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+    rusage usage{};
+    getrusage(RUSAGE_SELF, &usage);
+    WARN(frames << " frames " << (streamed ? "streamed" : "in one shot") << ": peak " << usage.ru_maxrss / 1024 << " MB, "
+                << int(ms / double(frames)) << " ms a frame");
 }
 
 TEST_CASE("training: accumulated gradients are those of the large batch", "[train]") {
