@@ -5,9 +5,9 @@
 #include <cmath>
 
 #include "embree_core/fill.h"
-#include "embree_core/holes.h"
 #include "embree_core/srgb.h"
 #include "embree_core/sweep.h"
+#include "embree_core/warp.h"
 #include "scenes/analytic/street_mesh.h"
 
 namespace vshift::inpaint {
@@ -107,11 +107,16 @@ TrueShiftedView true_shifted_view(const analytic::StreetScene& street, const std
     const TrueCamera from = analytic::recorded_camera(camera, frame), to = analytic::shifted_camera(camera, frame, shift);
     const ColorImage recorded = analytic::street_color(street, from, color_samples);
     const ColorImage truth = analytic::street_color(street, to, color_samples);
-    LiftedRig lifted;
-    lifted.views.push_back(lift_view(camera.name, camera.intrinsics, from.world_from_cam, cast_camera(street.scene, from).depth,
-                                     to.world_from_cam.translation_m));
-    const ShiftedHoles seen = holes(lifted, {camera.intrinsics, to.world_from_cam});
-    return {planes_of(warp(lifted, seen, {recorded}), seen.depth, seen.hole, &truth), seen.disoccluded};
+    const ShiftedCamera v{camera.intrinsics, to.world_from_cam};
+    const SurfaceView surface = surface_view(camera.intrinsics, from.world_from_cam, cast_camera(street.scene, from).depth,
+                                             to.world_from_cam.translation_m);
+    Reprojection shown;
+    const bool any = reproject(surface, v, nullptr, shown);
+    const ShiftedHoles seen = holes({{surface.intrinsics, surface.world_from_cam, any ? &shown : nullptr}}, 0, v);
+    const Sampler sampler(SurfaceField{surface.inverse_depth, surface.tears}, recorded,
+                          projective_map(surface.intrinsics, surface.world_from_cam, v.intrinsics, v.world_from_cam));
+    const Warped warped = warp(seen, {sampler}, EdgeBand::drop);
+    return {planes_of(warped.color, seen.depth, warped.missing, &truth), seen.disoccluded};
 }
 
 }  // namespace vshift::inpaint
