@@ -24,6 +24,7 @@ public:
     RegularFile& operator=(const RegularFile&) = delete;
 
     uint64_t size() const { return size_; }  ///< as the file system states it on opening
+    int descriptor() const { return fd_; }   ///< for mapping it; closed with this object
     /// The first bytes of the file: `count` of them, or fewer where it ends before.
     std::string read_first(size_t count) const;
 

@@ -49,6 +49,7 @@ int main(int argc, char** argv) {
         app.require_subcommand(1);
         cli::add_answer_verbs(app);
         cli::add_inpaint_verb(app);
+        cli::add_train_verb(app);
         cli::add_score_verb(app);
         cli::add_check_verb(app);
         cli::add_report_verb(app);

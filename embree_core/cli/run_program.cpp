@@ -11,9 +11,12 @@
 #include <algorithm>
 #include <cerrno>
 #include <chrono>
+#include <cstdlib>
 #include <cstring>
+#include <fstream>
 
 #include "embree_core/cli/progress.h"
+#include "embree_core/types.h"
 
 namespace vshift::cli {
 namespace {
@@ -126,6 +129,33 @@ ProgramRun run_program(Words words, Words settings, const std::filesystem::path&
         run.ending = "exit status " + std::to_string(run.code);
     }
     return run;
+}
+
+std::string source_program(const std::string& verb, const std::filesystem::path& within) {
+    namespace fs = std::filesystem;
+    std::error_code error;
+    const fs::path self = fs::read_symlink("/proc/self/exe", error);
+    for (const fs::path& root : {self.parent_path() / ".." / "share" / "vshift", fs::path(VSHIFT_SOURCE_DIR)})
+        if (fs::exists(root / within, error)) return (root / within).string();
+    throw Error(ExitCode::io_failed,
+                verb + ": program: got none beside " + self.string() + ", expected " + within.string());
+}
+
+std::string python_program() {
+    const char* chosen = std::getenv("VSHIFT_PYTHON");
+    return chosen && *chosen ? chosen : VSHIFT_PYTHON;
+}
+
+void wait_without_spinning() {
+    if (std::getenv("OMP_WAIT_POLICY")) return;
+    ::setenv("OMP_WAIT_POLICY", "passive", 1);
+    std::ifstream file("/proc/self/cmdline", std::ios::binary);
+    std::vector<std::string> words;
+    for (std::string word; std::getline(file, word, '\0');) words.push_back(word);
+    std::vector<char*> argv;
+    for (std::string& word : words) argv.push_back(word.data());
+    argv.push_back(nullptr);
+    if (!words.empty()) ::execv("/proc/self/exe", argv.data());  // when it fails, all goes on, only slower
 }
 
 }  // namespace vshift::cli

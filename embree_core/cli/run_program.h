@@ -28,4 +28,15 @@ struct ProgramRun {
 ProgramRun run_program(Words words, Words settings, const std::filesystem::path& folder = ".",
                        int time_limit_s = program_time_limit_s);
 
+/// A program of the source tree that this was built from, or beside an installed vshift. Throws Error io_failed for
+/// `verb` when there is none.
+std::string source_program(const std::string& verb, const std::filesystem::path& within);
+/// $VSHIFT_PYTHON, or the Python that this was configured with.
+std::string python_program();
+
+/// Begins this program anew, with the same arguments, with OMP_WAIT_POLICY=passive unless the user has set it. OpenMP's
+/// threads otherwise wait by spinning, which on a machine that others use as well costs a factor of five to ten; and
+/// OpenMP looks when it is loaded, which is before main.
+void wait_without_spinning();
+
 }  // namespace vshift::cli

@@ -22,21 +22,6 @@ struct Options {
     std::string output = "out/bench";
 };
 
-/// A program of the source tree that this was built from, or beside an installed vshift.
-std::string program(const fs::path& within) {
-    std::error_code error;
-    const fs::path self = fs::read_symlink("/proc/self/exe", error);
-    for (const fs::path& root : {self.parent_path() / ".." / "share" / "vshift", fs::path(VSHIFT_SOURCE_DIR)})
-        if (fs::exists(root / within)) return (root / within).string();
-    throw Error(ExitCode::io_failed,
-                "bench: program: got none beside " + self.string() + ", expected " + within.string());
-}
-
-std::string python() {
-    const char* chosen = std::getenv("VSHIFT_PYTHON");
-    return chosen && *chosen ? chosen : VSHIFT_PYTHON;
-}
-
 /// Removed with all that is in it.
 struct Scratch {
     fs::path folder;
@@ -48,7 +33,7 @@ struct Scratch {
 };
 
 std::string run_torch(const fs::path& folder) {
-    const ProgramRun run = run_program({python(), program("benchmark/peers/torch_splat.py"), folder.string()},
+    const ProgramRun run = run_program({python_program(), source_program("bench", "benchmark/peers/torch_splat.py"), folder.string()},
                                        {"PYTHONDONTWRITEBYTECODE=1"}, ".", 180);
     return run.code == 0 ? "" : run.code == 77 ? "no torch here" : run.told();
 }
@@ -70,7 +55,7 @@ void run(const Options& options) {
     write_whole_file(folder / "bench.json", result.dump(1) + "\n");
     write_whole_file(folder / "bench.csv", bench::bench_csv(result));
     const ProgramRun charts =
-        run_program({python(), program("benchmark/charts/speed_accuracy.py"), (folder / "bench.json").string()},
+        run_program({python_program(), source_program("bench", "benchmark/charts/speed_accuracy.py"), (folder / "bench.json").string()},
                     {"PYTHONDONTWRITEBYTECODE=1"}, ".", 120);
     if (charts.code != 0)
         throw Error(ExitCode::io_failed, "bench: charts: got " + charts.told() + ", expected them drawn");

@@ -1,0 +1,202 @@
+// SPDX-License-Identifier: Apache-2.0
+// vshift train: a model for vshift inpaint from virtual shifts of recorded street views, judged on other streets.
+#include <algorithm>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <thread>
+
+#include "embree_core/cli/progress.h"
+#include "embree_core/cli/run_program.h"
+#include "embree_core/cli/verbs.h"
+#include "embree_core/image_file.h"
+#include "inpaint/judge_streets.h"
+#include "inpaint/network_library.h"
+#include "inpaint/street_pairs.h"
+
+namespace vshift::cli {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::ordered_json;
+
+struct Options {
+    std::string output, streets = "1-12", judge, kind = "pixel_unet", config;
+    int frames = 2, width = 256, steps = 1000, batch = 8, accumulate = 1, threads = 0, checkpoint_every = 100;
+    std::vector<int> euler_steps{1};
+    int64_t seed = 1;
+    double learning_rate = 1e-4, ema = 0.999;
+    bool flow = false, no_masks = false, no_depth = false, judge_only = false;
+};
+
+/// "1-4,9" as 1, 2, 3, 4, 9.
+std::vector<uint32_t> street_seeds(const std::string& text, const char* option) {
+    std::vector<uint32_t> seeds;
+    size_t at = 0;
+    const auto refuse = [&] {
+        throw Error(ExitCode::bad_input, std::string("usage: ") + option + ": got " + text + ", expected seeds such as 1-4,9");
+    };
+    const auto number = [&] {
+        size_t end = at;
+        while (end < text.size() && text[end] >= '0' && text[end] <= '9') ++end;
+        if (end == at || end - at > 6) refuse();
+        const uint32_t n = uint32_t(std::stoul(text.substr(at, end - at)));
+        at = end;
+        return n;
+    };
+    for (;;) {
+        const uint32_t first = number();
+        uint32_t last = first;
+        if (at < text.size() && text[at] == '-') {
+            ++at;
+            last = number();
+        }
+        if (last < first || last - first > 10000) refuse();
+        for (uint32_t s = first; s <= last; ++s) seeds.push_back(s);
+        if (at == text.size()) return seeds;
+        if (text[at++] != ',') refuse();
+    }
+}
+
+ordered_json model_config(const Options& o) {
+    ordered_json model = {{"kind", o.kind}, {"flow", o.flow}, {"masks", !o.no_masks}, {"depth", !o.no_depth}};
+    if (o.kind == "pixel_dit")  // 3 million parameters
+        model["dit"] = {{"dim", 192}, {"ffn_dim", 768}, {"layers", 6}, {"heads", 4}, {"freq_dim", 64}, {"text_dim", 0}, {"patch", {1, 8, 8}}};
+    if (!o.config.empty()) {
+        const auto given = ordered_json::parse(read_whole_file(o.config, 1 << 20), nullptr, false);
+        if (!given.is_object()) throw Error(ExitCode::bad_input, o.config + ": config: got no JSON object, expected one");
+        model.update(given);
+    }
+    return model;
+}
+
+/// What the library calls back.
+struct Run {
+    const inpaint::RecordedViews& recorded;
+    uint64_t seed;
+    Progress progress;
+    inpaint::PairPlanes pair;
+    std::string error;
+
+    static int sample(void* user, uint64_t number, vshift_inpaint_views* out) {
+        Run& run = *static_cast<Run*>(user);
+        try {
+            run.pair = inpaint::training_pair(run.recorded, run.seed, number);
+        } catch (const std::exception& e) {
+            run.error = e.what();
+            return 1;
+        }
+        *out = run.pair.views();
+        return 0;
+    }
+    static int after_step(void* user, int64_t step, int64_t steps, double loss) {
+        char text[48];
+        std::snprintf(text, sizeof text, "loss %.4f", loss);
+        static_cast<Run*>(user)->progress.show(size_t(step), size_t(steps), text);
+        try {
+            stop_if_interrupted();
+        } catch (const Error&) {
+            return 1;
+        }
+        return 0;
+    }
+};
+
+void draw_curve(const std::string& csv) {
+    const ProgramRun chart = run_program({python_program(), source_program("train", "benchmark/charts/training_curve.py"), csv},
+                                         {"PYTHONDONTWRITEBYTECODE=1"}, ".", 120);
+    if (chart.code != 0) throw Error(ExitCode::io_failed, "train: curve: got " + chart.told() + ", expected it drawn");
+}
+
+void train(const Options& o, const std::vector<uint32_t>& seeds) {
+    const inpaint::NetworkLibrary& library = inpaint::network_library();
+    const auto start = std::chrono::steady_clock::now();
+    Progress drawing("streets");
+    const inpaint::RecordedViews recorded =
+        inpaint::record_streets(seeds, o.frames, o.width, [&](size_t done, size_t total) {
+            stop_if_interrupted();
+            drawing.show(done, total, std::to_string(o.width) + " px");
+        });
+    drawing.finish();
+    const double drawn_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    const std::string stem = fs::path(o.output).replace_extension().string();
+    const ordered_json options = {
+        {"model", model_config(o)}, {"steps", o.steps}, {"batch", o.batch}, {"accumulate", o.accumulate},
+        {"learning_rate", o.learning_rate}, {"ema", o.ema}, {"seed", o.seed}, {"checkpoint_every", o.checkpoint_every},
+        {"checkpoint_file", stem + ".checkpoint.safetensors"}, {"curve_file", stem + ".curve.csv"}, {"model_file", o.output},
+        {"license", "Apache-2.0"},
+        {"record", {{"data", "analytic streets, virtual shifts of 0.5 to 4 m of recorded views"}, {"streets", o.streets},
+                    {"frames", o.frames}, {"width", o.width}, {"views", recorded.views.size()}}}};
+    Run run{recorded, uint64_t(o.seed), Progress("train"), {}, {}};
+    const int code = library.train(options.dump().c_str(), Run::sample, Run::after_step, &run);
+    run.progress.finish();
+    if (!run.error.empty()) throw Error(ExitCode::bad_input, "train: " + run.error);
+    inpaint::check(code);
+    std::error_code ignored;
+    fs::remove(stem + ".checkpoint.safetensors", ignored);
+    draw_curve(stem + ".curve.csv");
+    std::printf("%s: %zu views drawn in %.0f s, trained in %.0f s; curve in %s.curve.png\n", o.output.c_str(), recorded.views.size(),
+                drawn_s, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() - drawn_s, stem.c_str());
+}
+
+void run(const Options& o) {
+    const auto seeds = street_seeds(o.streets, "--streets");
+    inpaint::JudgeOptions judge;
+    if (!o.judge.empty()) judge.seeds = street_seeds(o.judge, "--judge");
+    for (const uint32_t s : judge.seeds)
+        if (std::find(seeds.begin(), seeds.end(), s) != seeds.end() && !o.judge_only)
+            throw Error(ExitCode::bad_input, "usage: --judge: got street " + std::to_string(s) + ", which is trained on, expected others");
+    if (o.kind == "latent_dit")
+        throw Error(ExitCode::bad_input, "usage: --kind: got latent_dit, expected pixel_unet or pixel_dit (there is no "
+                                         "trained autoencoder of ours yet)");
+    const int threads = o.threads > 0 ? o.threads : int(std::max(1u, std::thread::hardware_concurrency()));
+    inpaint::check(inpaint::network_library().set_threads(threads));
+    if (const std::string warning = inpaint::slow_blas_warning(threads); !warning.empty())
+        std::fprintf(stderr, "vshift: warning: %s\n", warning.c_str());
+    if (!o.judge_only) train(o, seeds);
+    if (judge.seeds.empty()) return;
+    judge.model_file = o.output;
+    judge.width = o.width;
+    judge.steps = o.euler_steps;
+    Progress progress("judge");
+    const ordered_json result = inpaint::judge_streets(judge, [&](size_t done, size_t total) {
+        stop_if_interrupted();
+        progress.show(done, total, "true shifted views");
+    });
+    progress.finish();
+    write_whole_file(fs::path(o.output).replace_extension(".judge.json"), result.dump(1) + "\n");
+    std::fputs(inpaint::judge_table(result).c_str(), stdout);
+}
+
+}  // namespace
+
+void add_train_verb(CLI::App& app) {
+    CLI::App* sub = app.add_subcommand("train", "Trains an inpainting model on virtual shifts of analytic streets");
+    auto o = std::make_shared<Options>();
+    sub->add_option("-o,--output", o->output, "the model, .safetensors; the curve and checkpoints lie beside it")->required();
+    sub->add_option("--streets", o->streets, "seeds to train on, such as 1-12")->capture_default_str();
+    sub->add_option("--judge", o->judge, "seeds of other streets: the model against truth in true shifted views");
+    sub->add_flag("--judge-only", o->judge_only, "the model is there: no training");
+    sub->add_option("--frames", o->frames, "of each street")->capture_default_str()->check(CLI::Range(1, 81));
+    sub->add_option("--width", o->width, "of the pictures, px")->capture_default_str()->check(CLI::Range(64, 1600));
+    sub->add_option("--kind", o->kind, "pixel_unet or pixel_dit")->capture_default_str();
+    sub->add_option("--config", o->config, "JSON file with further fields of the model's config");
+    sub->add_flag("--flow", o->flow, "flow matching; else one-step regression");
+    sub->add_flag("--no-masks", o->no_masks, "ablation: the network sees no mask channels");
+    sub->add_flag("--no-depth", o->no_depth, "ablation: nor inverse depth");
+    sub->add_option("--euler-steps", o->euler_steps, "of flow, when judged: 1,2,4,8")->delimiter(',');
+    sub->add_option("--steps", o->steps, "of training")->capture_default_str();
+    sub->add_option("--batch", o->batch, "samples to a pass")->capture_default_str();
+    sub->add_option("--accumulate", o->accumulate, "passes to a step")->capture_default_str();
+    sub->add_option("--learning-rate", o->learning_rate, "falls to 0 as a cosine")->capture_default_str();
+    sub->add_option("--ema", o->ema, "moving average of the weights that are saved")->capture_default_str();
+    sub->add_option("--seed", o->seed, "of weights, samples and noise")->capture_default_str();
+    sub->add_option("--checkpoint-every", o->checkpoint_every, "steps")->capture_default_str();
+    sub->add_option("--threads", o->threads, "of Torch; 0: all cores")->capture_default_str();
+    sub->callback([o] {
+        wait_without_spinning();
+        run(*o);
+    });
+}
+
+}  // namespace vshift::cli

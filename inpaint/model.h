@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: Apache-2.0
+// Role: a whole inpainting model, from condition to pixels, and its file. Stage: inpaint (paper III-E).
+//
+// In pixels the network predicts (target - fill) * residual_scale where pixels may change and sees the fill, the masks
+// and 1/z; its output begins at zero, that is at the fill. In latents it predicts the target's latent and sees the
+// condition's (and the masks as shares of a latent's area), as the paper says. Either comes as one step (regression:
+// the velocity at t = 1 from z1 = 0) or as flow matching. Pixels that may not change come back bit for bit.
+#pragma once
+#include "inpaint/dit.h"
+#include "inpaint/flow.h"
+#include "inpaint/unet.h"
+#include "inpaint/vae.h"
+
+namespace vshift::inpaint {
+
+enum class Kind { pixel_unet, pixel_dit, latent_dit };
+
+struct ModelConfig {
+    Kind kind = Kind::pixel_unet;
+    bool flow = false;       ///< else regression
+    bool masks = true;       ///< hole and neighbour channels are seen
+    bool depth = true;       ///< 1/z is seen
+    int64_t window = 0;      ///< frames that attention looks at; 0: all of them, no streaming
+    double time_shift = 1;   ///< Wan's, in training and sampling
+    double residual_scale = 4;
+    UnetConfig unet;
+    DitConfig dit;
+    VaeConfig vae;
+};
+/// `file` begins messages. Channel counts follow from the rest and are filled in.
+ModelConfig parse_model_config(const std::string& json, const std::string& file);
+std::string json_of(const ModelConfig& config);
+
+struct Model {
+    ModelConfig config;
+    Weights weights;                              ///< what training changes
+    Vae vae;                                      ///< latent kinds: frozen
+    std::map<std::string, std::string> metadata;  ///< license, training record
+};
+
+Model initial_model(const ModelConfig& config, uint64_t seed);
+/// Config, license and training record lie in the file's metadata; throws Error bad_input for what does not fit.
+Model load_model(const std::filesystem::path& file);
+void save_model(const std::filesystem::path& file, const Model& model, const Weights& weights);
+
+/// What a model works on, display values (sRGB) in 0..1 and shares in 0..1: [B, C, F, H, W].
+struct Views {
+    Tensor fill;           ///< 3: the condition with its holes filled classically
+    Tensor hole;           ///< 1: nobody saw it
+    Tensor neighbor;       ///< 1: pasted from a neighbour
+    Tensor inverse_depth;  ///< 1, in 1/m; 0 in holes and sky
+    Tensor target;         ///< 3: training only
+    Tensor weight;         ///< 1: how much an error counts in training; undefined: hole or neighbor
+};
+
+/// H and W that the model takes are multiples of this.
+int64_t model_side(const ModelConfig& config);
+
+/// Grown at the right and lower borders to what the model takes; what is added is known and repeats the border.
+Views padded(const ModelConfig& config, const Views& views);
+
+/// The network's space: what it is asked for, what it sees, and where it counts.
+struct Example {
+    Tensor z0;         ///< [B, Z, F, h, w]; undefined without a target
+    Tensor condition;  ///< [B, C, F, h, w]
+    Tensor may_change;  ///< [B, 1, F, h, w]: share
+    Tensor weight;      ///< the same size: how much an error counts
+};
+Example prepare(const Model& model, const Views& views, VaeState* target_state = nullptr,
+                VaeState* condition_state = nullptr);
+
+/// v at t (0..1, [B]) of the noisy `z`.
+Tensor velocity(const Model& model, const Weights& weights, const Tensor& z, const Tensor& t, const Tensor& condition,
+                const DitOptions& options = {});
+
+/// The mean over samples of the weighted squared error of v; `z1` noise, `t` in 0..1 ([B]). Regression ignores both.
+Tensor loss_of(const Model& model, const Weights& weights, const Example& example, const Tensor& z1, const Tensor& t);
+
+/// A stream of frames: what the next piece needs of the past. Memory does not grow.
+struct Stream {
+    int64_t frames = 0;
+    std::vector<DitCache> caches;  ///< one for each sampling step
+    VaeState condition, output;
+};
+
+/// The filled view(s), [B, 3, F, H, W] in 0..1, any H and W. `steps` counts for flow alone; the noise depends on the
+/// seed and the frame's number, so that a stream in any pieces gives the same pictures. Models without a window take a
+/// stream's frames piece by piece, each for itself.
+Tensor inpaint(const Model& model, const Views& views, int steps, uint64_t seed, Stream& stream);
+
+/// Standard normal numbers that depend on seed and number alone.
+Tensor noise(at::IntArrayRef sizes, uint64_t seed, uint64_t number);
+
+}  // namespace vshift::inpaint

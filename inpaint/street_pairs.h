@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+// Role: training pairs and true shifted views from analytic streets: recorded views, masks of random virtual shifts by
+// the mask engine, classical fills. Stage: inpaint (paper III-C). No Torch here.
+#pragma once
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "embree_core/types.h"
+#include "inpaint/c_api.h"
+#include "scenes/analytic/analytic_street.h"
+
+namespace vshift::inpaint {
+
+/// Planes as the network takes them (c_api.h).
+struct PairPlanes {
+    int width = 0, height = 0;
+    std::vector<float> target, fill, hole, neighbor, inverse_depth, weight;
+    vshift_inpaint_views views() const;
+};
+
+/// Fills the hole (fill_background) and makes planes. `target` may be null; `color` and `depth` are not read in holes.
+PairPlanes planes_of(const ColorImage& color, const DepthMap& depth, const Mask& hole, const ColorImage* target);
+
+/// Recorded views of streets, kept in memory: per seed `frames` frames of six cameras at `width` x 9/16 width.
+struct RecordedViews {
+    struct View {
+        ColorImage color;
+        DepthMap depth;
+        analytic::RigCamera camera;
+    };
+    std::vector<View> views;
+};
+RecordedViews record_streets(const std::vector<uint32_t>& seeds, int frames, int width,
+                             const std::function<void(size_t done, size_t total)>& show);
+
+/// Training pair `number` of a run: a view and a sideways shift of 0.5 to 4 m to either side (up to 1 m along) follow
+/// from seed and number. What is lost from there is the hole (method.md section 2). Views in which nothing is occluded are passed by. What
+/// is outside V's frame weighs a tenth: it is several times as much and can be guessed less.
+PairPlanes training_pair(const RecordedViews& recorded, uint64_t seed, uint64_t number);
+
+/// A true shifted view: what the own camera saw, warped there; its holes; and the truth, rendered.
+struct TrueShiftedView {
+    PairPlanes planes;
+    Mask disoccluded;
+};
+TrueShiftedView true_shifted_view(const analytic::StreetScene& street, const std::vector<analytic::RigCamera>& rig, int own,
+                                  int frame, const Shift& shift);
+
+}  // namespace vshift::inpaint

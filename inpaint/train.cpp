@@ -1,0 +1,178 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "inpaint/train.h"
+
+#include <cmath>
+#include <cstring>
+
+namespace vshift::inpaint {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// What makes a run: a checkpoint of another one is refused.
+std::string run_of(const Model& model, const TrainOptions& o) {
+    return nlohmann::ordered_json{{"config", json_of(model.config)}, {"steps", o.steps},   {"batch", o.batch},
+                                  {"accumulate", o.accumulate},      {"seed", o.seed},     {"learning_rate", o.learning_rate},
+                                  {"weight_decay", o.weight_decay},  {"ema", o.ema}}
+        .dump();
+}
+
+void write_checkpoint(const Model& model, const TrainOptions& options, const TrainState& state) {
+    std::vector<Tensor> kept;
+    std::vector<StoredTensor> stored;
+    const auto add = [&](const std::string& name, const Tensor& t) {
+        kept.push_back(t.detach().cpu().contiguous());
+        stored.push_back(stored_of(name, kept.back()));
+    };
+    for (const auto& [prefix, group] : {std::pair<const char*, const Weights*>{"weights.", &state.weights},
+                                        {"first.", &state.first}, {"second.", &state.second}, {"average.", &state.average}})
+        for (const auto& [name, t] : *group) add(prefix + name, t);
+    Tensor curve = at::empty({int64_t(state.curve.size()), 3}, at::kDouble);
+    for (size_t i = 0; i < state.curve.size(); ++i)
+        std::copy(state.curve[i].begin(), state.curve[i].end(), curve.data_ptr<double>() + 3 * i);
+    add("curve", curve);
+    write_tensor_file(options.checkpoint_file, stored,
+                      {{"run", run_of(model, options)}, {"step", std::to_string(state.step)}});
+}
+
+TrainState read_checkpoint(const Model& model, const TrainOptions& options) {
+    const TensorFiles files(options.checkpoint_file);
+    const auto& metadata = files.metadata();
+    if (!metadata.count("run") || metadata.at("run") != run_of(model, options))
+        throw Error(ExitCode::bad_input, files.file() + ": run: got a checkpoint of another one, expected the same "
+                                                        "model, steps, batch and seed (remove it to begin anew)");
+    TrainState s;
+    const StoredTensor* rows = files.find("curve");
+    if (!rows || rows->type != ElementType::f64 || rows->shape.size() != 2 || rows->shape[1] != 3)
+        throw Error(ExitCode::bad_input, files.file() + ": curve: got none, expected one");
+    s.curve.resize(size_t(rows->shape[0]));
+    s.step = rows->shape[0];
+    if (rows->bytes) std::memcpy(s.curve.data(), rows->data, rows->bytes);
+    for (const auto& [prefix, group] : {std::pair<const char*, Weights*>{"weights.", &s.weights}, {"first.", &s.first},
+                                        {"second.", &s.second}, {"average.", &s.average}})
+        for (const auto& [name, t] : model.weights) {
+            const StoredTensor* stored = files.find(prefix + name);
+            if (!stored || stored->shape != Shape(t.sizes().begin(), t.sizes().end()))
+                throw Error(ExitCode::bad_input, files.file() + ": " + prefix + name + ": got none of its shape, expected it");
+            (*group)[name] = tensor_of(*stored).to(t.device());
+        }
+    return s;
+}
+
+/// The samples of one pass.
+Views gathered(const TrainHooks& hooks, uint64_t first, int64_t count) {
+    std::vector<Views> all;
+    for (int64_t i = 0; i < count; ++i) all.push_back(hooks.views(first + uint64_t(i)));
+    const auto joined = [&](Tensor Views::*field) {
+        std::vector<Tensor> parts;
+        for (const Views& v : all)
+            if ((v.*field).defined()) parts.push_back(v.*field);
+        return parts.empty() ? Tensor() : at::cat(parts, 0);
+    };
+    return {joined(&Views::fill), joined(&Views::hole), joined(&Views::neighbor), joined(&Views::inverse_depth),
+            joined(&Views::target), joined(&Views::weight)};
+}
+
+}  // namespace
+
+double cosine_rate(double rate, int64_t step, int64_t steps) {
+    return rate * 0.5 * (1 + std::cos(3.14159265358979323846 * double(step) / double(steps)));
+}
+
+std::pair<double, Weights> gradients(const Model& model, const Weights& weights, const TrainOptions& o, int64_t step,
+                                     const TrainHooks& hooks) {
+    std::vector<Tensor> leaves;
+    Weights tracked;
+    for (const auto& [name, t] : weights) {
+        leaves.push_back(t.detach().requires_grad_(true));
+        tracked[name] = leaves.back();
+    }
+    std::vector<Tensor> sums;
+    double loss = 0;
+    for (int64_t pass = 0; pass < o.accumulate; ++pass) {
+        const uint64_t first = uint64_t(step * o.accumulate * o.batch + pass * o.batch);
+        Example e = prepare(model, padded(model.config, gathered(hooks, first, o.batch)));
+        const at::Device device = leaves[0].device();
+        for (Tensor* t : {&e.z0, &e.condition, &e.may_change, &e.weight}) *t = t->to(device);
+        auto one = e.z0.sizes().vec();
+        one[0] = 1;
+        std::vector<Tensor> noises, times;
+        for (int64_t i = 0; i < o.batch && model.config.flow; ++i) {
+            const uint64_t sample = first + uint64_t(i);
+            noises.push_back(noise(one, o.seed, 2 * sample));
+            // Uniform by way of a normal number's distribution: one source of numbers for all.
+            const double u = 0.5 * std::erfc(-noise({1}, o.seed, 2 * sample + 1).item<double>() / std::sqrt(2.0));
+            times.push_back(at::full({1}, shifted_time(u, model.config.time_shift)));
+        }
+        const bool flow = model.config.flow;
+        const Tensor l = loss_of(model, tracked, e, flow ? at::cat(noises, 0).to(device) : Tensor(),
+                                 flow ? at::cat(times, 0).to(device) : Tensor()) / double(o.accumulate);
+        const auto grads = torch::autograd::grad({l}, leaves, {}, {}, false, true);
+        loss += l.item<double>();
+        if (sums.empty()) sums.resize(grads.size());
+        for (size_t i = 0; i < grads.size(); ++i)
+            if (grads[i].defined()) sums[i] = sums[i].defined() ? sums[i] + grads[i] : grads[i];
+    }
+    Weights out;
+    size_t i = 0;
+    for (const auto& [name, t] : weights) {
+        out[name] = sums[i].defined() ? sums[i] : at::zeros_like(t);
+        ++i;
+    }
+    return {loss, out};
+}
+
+TrainState train(const Model& model, const TrainOptions& o, const TrainHooks& hooks) {
+    TrainState s;
+    std::error_code error;
+    if (!o.checkpoint_file.empty() && fs::exists(o.checkpoint_file, error)) {
+        s = read_checkpoint(model, o);
+    } else {
+        for (const auto& [name, t] : model.weights) {
+            s.weights[name] = t.detach().clone();
+            s.average[name] = t.detach().clone();
+            s.first[name] = at::zeros_like(t);
+            s.second[name] = at::zeros_like(t);
+        }
+    }
+    while (s.step < o.steps) {
+        auto [loss, grads] = gradients(model, s.weights, o, s.step, hooks);
+        if (!std::isfinite(loss))
+            throw Error(ExitCode::bad_input, "train: loss: got " + std::to_string(loss) + " at step " +
+                                                 std::to_string(s.step) + ", expected a finite one (lower the learning rate)");
+        const double rate = cosine_rate(o.learning_rate, s.step, o.steps);
+        ++s.step;
+        const double even1 = 1 - std::pow(o.beta1, double(s.step)), even2 = 1 - std::pow(o.beta2, double(s.step));
+        // The average follows closely at first, when the weights move fast.
+        const double keep = std::min(o.ema, double(s.step) / double(s.step + 9));
+        at::NoGradGuard no_grad;
+        for (auto& [name, w] : s.weights) {
+            const Tensor& g = grads.at(name);
+            Tensor& m = s.first.at(name);
+            Tensor& v = s.second.at(name);
+            m.mul_(o.beta1).add_(g, 1 - o.beta1);
+            v.mul_(o.beta2).addcmul_(g, g, 1 - o.beta2);
+            w.mul_(1 - rate * o.weight_decay);
+            w.addcdiv_(m, (v / even2).sqrt_().add_(o.eps), -rate / even1);
+            s.average.at(name).mul_(keep).add_(w, 1 - keep);
+        }
+        s.curve.push_back({double(s.step), loss, rate});
+        const bool go_on = !hooks.after_step || hooks.after_step(s.step, loss);
+        const bool due = o.checkpoint_every > 0 && s.step % o.checkpoint_every == 0;
+        if (!o.checkpoint_file.empty() && (due || !go_on)) write_checkpoint(model, o, s);
+        if (!go_on) break;
+    }
+    return s;
+}
+
+std::string curve_csv(const TrainState& state) {
+    std::string text = "step,loss,learning_rate\n";
+    char row[96];
+    for (const auto& [step, loss, rate] : state.curve) {
+        std::snprintf(row, sizeof row, "%lld,%.9g,%.9g\n", (long long)step, loss, rate);
+        text += row;
+    }
+    return text;
+}
+
+}  // namespace vshift::inpaint

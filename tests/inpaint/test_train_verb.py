@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""vshift train as a user runs it: it learns, goes on after a kill with the same bytes, and refuses what it should."""
+import json
+import os
+import resource
+import signal
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+from pathlib import Path
+
+VSHIFT = os.environ["VSHIFT_BIN"]
+HAS_NETWORK = os.environ["VSHIFT_HAS_TORCH"] == "ON"
+SMALL = {"--streets": "1", "--frames": "1", "--width": "96", "--batch": "2", "--learning-rate": "2e-3", "--threads": "1"}
+
+
+def small(**other):
+    """Options, `steps=3` standing for --steps 3."""
+    options = {**SMALL, **{"--" + key.replace("_", "-"): value for key, value in other.items()}}
+    return [word for key, value in options.items() for word in ([key] if value is True else [key, str(value)])]
+
+
+def run(*words, **settings):
+    return subprocess.run([VSHIFT, *words], env={**os.environ, **settings}, capture_output=True, text=True, timeout=120)
+
+
+def header(file):
+    data = Path(file).read_bytes()
+    return json.loads(data[8:8 + struct.unpack("<Q", data[:8])[0]])
+
+
+class WithoutNetwork(unittest.TestCase):
+    def test_missing_library_is_named(self):
+        done = run("train", "-o", "x.safetensors", VSHIFT_INPAINT_LIBRARY="/nowhere/libvshift_inpaint.so")
+        self.assertEqual(done.returncode, 4)
+        self.assertEqual(len(done.stderr.strip().splitlines()), 1)
+        self.assertIn("libtorch-dev", done.stderr)
+
+    def test_program_does_not_load_torch(self):
+        needed = subprocess.run(["ldd", VSHIFT], capture_output=True, text=True).stdout
+        self.assertIn("libembree", needed)
+        self.assertNotIn("torch", needed)
+        start = min(self.cpu_seconds_of_start() for _ in range(5))
+        print(f"vshift --version: {start * 1000:.0f} ms of CPU", file=sys.stderr)
+        self.assertLess(start, 0.8)  # Torch alone takes more
+
+    def cpu_seconds_of_start(self):
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        self.assertEqual(run("--version").returncode, 0)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+
+
+@unittest.skipUnless(HAS_NETWORK, "built without LibTorch")
+class Train(unittest.TestCase):
+    def setUp(self):
+        self.scratch = tempfile.TemporaryDirectory()
+        self.addCleanup(self.scratch.cleanup)
+        self.folder = Path(self.scratch.name)
+
+    def words(self, name, **options):
+        return ["train", "-o", str(self.folder / name), *small(**options)]
+
+    def train(self, name, **options):
+        return run(*self.words(name, **options))
+
+    def test_learns_and_says_how(self):
+        done = self.train("m.safetensors", steps=60, ema=.9, judge=101)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        rows = [line.split(",") for line in (self.folder / "m.curve.csv").read_text().splitlines()]
+        self.assertEqual(rows[0], ["step", "loss", "learning_rate"])
+        losses = [float(r[1]) for r in rows[1:]]
+        self.assertEqual(len(losses), 60)
+        self.assertLess(sum(losses[-15:]), 0.9 * sum(losses[:15]))
+        self.assertEqual((self.folder / "m.curve.png").read_bytes()[:8], b"\x89PNG\r\n\x1a\n")
+        self.assertFalse((self.folder / "m.checkpoint.safetensors").exists())
+        metadata = header(self.folder / "m.safetensors")["__metadata__"]
+        self.assertEqual(json.loads(metadata["config"])["kind"], "pixel_unet")
+        self.assertEqual(metadata["license"], "Apache-2.0")
+        record = json.loads(metadata["training"])
+        self.assertEqual((record["steps"], record["streets"]), (60, "1"))
+        judged = json.loads((self.folder / "m.judge.json").read_text())
+        self.assertEqual([r["shift_m"] for r in judged["pooled"]], [1.0, 2.0, 4.0])
+        self.assertTrue(all(5 < r["network_db"] < 40 for r in judged["pooled"]))
+
+    def test_goes_on_after_a_kill(self):
+        straight = self.train("a.safetensors", steps=40, checkpoint_every=7, flow=True)
+        self.assertEqual(straight.returncode, 0, straight.stderr)
+        words = [VSHIFT, *self.words("b.safetensors", steps=40, checkpoint_every=7, flow=True)]
+        running = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        checkpoint = self.folder / "b.checkpoint.safetensors"
+        end = time.monotonic() + 60
+        while not checkpoint.exists() and running.poll() is None and time.monotonic() < end:
+            time.sleep(0.001)
+        running.send_signal(signal.SIGKILL)
+        running.wait()
+        self.assertEqual(running.returncode, -signal.SIGKILL)
+        step = int(header(checkpoint)["__metadata__"]["step"])
+        self.assertTrue(0 < step < 40, step)
+        again = subprocess.run(words, capture_output=True, text=True)
+        self.assertEqual(again.returncode, 0, again.stderr)
+        tensors = [Path(self.folder / f).read_bytes() for f in ("a.safetensors", "b.safetensors")]
+        data = [t[8 + struct.unpack("<Q", t[:8])[0]:] for t in tensors]
+        self.assertEqual(data[0], data[1])
+        self.assertEqual((self.folder / "a.curve.csv").read_text(), (self.folder / "b.curve.csv").read_text())
+        # Interrupted by a user: a checkpoint, and exit code 130.
+        running = subprocess.Popen([VSHIFT, *self.words("c.safetensors", steps=100000)], stdout=subprocess.DEVNULL,
+                                   stderr=subprocess.PIPE, text=True)
+        for line in running.stderr:
+            if line.startswith("train"):
+                break
+        running.send_signal(signal.SIGINT)
+        running.communicate()
+        self.assertEqual(running.returncode, 130)
+        self.assertTrue((self.folder / "c.checkpoint.safetensors").exists())
+        self.assertFalse((self.folder / "c.safetensors").exists())
+
+    def test_refuses(self):
+        for options, code, part in (
+                ({"streets": "5-1"}, 3, "expected seeds"),
+                ({"judge": "1"}, 3, "trained on"),
+                ({"kind": "latent_dit"}, 3, "autoencoder"),
+                ({"kind": "cubic"}, 3, "pixel_unet"),
+                ({"steps": 0}, 3, "steps"),
+                ({"stepz": 1}, 3, "--steps"),
+                ({"config": "/nowhere.json"}, 4, "/nowhere.json")):
+            done = self.train("r.safetensors", **{"steps": 1, **options})
+            self.assertEqual(done.returncode, code, (options, done.stderr))
+            self.assertIn(part, done.stderr.splitlines()[-1])
+        self.assertEqual(list(self.folder.glob("r.*")), [])
+        (self.folder / "p.safetensors").write_bytes(b"\x80\x02}q\x01." + b"\0" * 40)
+        done = self.train("p.safetensors", judge_only=True, judge=101)
+        self.assertEqual(done.returncode, 3)
+        self.assertIn("pickle", done.stderr)
+
+
+if __name__ == "__main__":
+    unittest.main(verbosity=2)

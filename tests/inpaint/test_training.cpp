@@ -1,0 +1,316 @@
+// SPDX-License-Identifier: Apache-2.0
+// Flow matching's signs, streams in pieces, and training: accumulation, resumption, what it leaves alone.
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <cstdlib>
+#include <fstream>
+
+#include "inpaint/train.h"
+#include "tests/catch.h"
+
+namespace fs = std::filesystem;
+using namespace vshift;
+using namespace vshift::inpaint;
+
+namespace {
+
+double worst(const Tensor& a, const Tensor& b) {
+    REQUIRE(a.sizes() == b.sizes());
+    return (a - b).abs().max().item<double>();
+}
+
+double worst(const Weights& a, const Weights& b) {
+    double most = 0;
+    for (const auto& [name, t] : a) most = std::max(most, worst(t, b.at(name)));
+    return most;
+}
+
+Tensor random_tensor(at::IntArrayRef sizes, uint64_t seed) {
+    return noise(sizes, seed, 0);
+}
+
+ModelConfig small(Kind kind, bool flow, int64_t window = 0) {
+    ModelConfig c = parse_model_config(R"({"unet":{"widths":[8,12]},
+        "dit":{"dim":24,"ffn_dim":48,"layers":2,"heads":2,"freq_dim":16,"text_dim":0,"patch":[1,4,4]},
+        "vae":{"dim":4,"dec_dim":4,"z_dim":3,"res_blocks":1}})", "test");
+    c.kind = kind;
+    c.flow = flow;
+    c.window = window;
+    if (kind == Kind::latent_dit) c.dit.patch = {1, 1, 1};
+    return c;
+}
+
+/// A model whose output is not zero.
+Model woken(const ModelConfig& c) {
+    Model m = initial_model(c, 3);
+    for (auto& [name, t] : m.weights)
+        if (t.abs().max().item<double>() == 0 && name.find("weight") != std::string::npos)
+            t.copy_(random_tensor(t.sizes(), 4) * 0.05);
+    return m;
+}
+
+/// Something to learn: under the hole lies what the fill shows, but with red and blue swapped.
+Views sample(uint64_t number, int64_t frames = 1, int64_t height = 16, int64_t width = 24) {
+    Views v;
+    v.fill = at::sigmoid(noise({1, 3, frames, (height + 3) / 4, (width + 3) / 4}, 11, number));
+    v.fill = v.fill.repeat_interleave(4, 3).repeat_interleave(4, 4).narrow(3, 0, height).narrow(4, 0, width).contiguous();
+    v.hole = at::zeros({1, 1, frames, height, width});
+    v.hole.narrow(4, width / 4, width / 2).fill_(1);
+    v.neighbor = at::zeros_like(v.hole);
+    v.inverse_depth = at::full_like(v.hole, 0.1) * (1 - v.hole);
+    v.target = at::where(v.hole > 0, v.fill.flip(1), v.fill);
+    return v;
+}
+
+TrainHooks samples(std::function<bool(int64_t, double)> after = {}) {
+    return {[](uint64_t i) { return sample(i); }, std::move(after)};
+}
+
+template <class Work>
+std::string told(Work work) {
+    try {
+        work();
+    } catch (const Error& e) {
+        return e.what();
+    }
+    return "";
+}
+
+struct Scratch {
+    fs::path folder = fs::temp_directory_path() / ("vshift-train-" + std::to_string(::getpid()));
+    Scratch() { fs::create_directories(folder); }
+    ~Scratch() { fs::remove_all(folder); }
+};
+
+}  // namespace
+
+TEST_CASE("flow: on a straight line every number of steps ends at the data", "[flow]") {
+    const Tensor z0 = random_tensor({2, 3, 4}, 1), z1 = random_tensor({2, 3, 4}, 2);
+    CHECK(worst(flow_point(z0, z1, at::zeros({})), z0) == 0);
+    CHECK(worst(flow_point(z0, z1, at::ones({})), z1) == 0);
+    // The velocity is the derivative of the path.
+    const Tensor slope = (flow_point(z0, z1, at::full({}, 0.75)) - flow_point(z0, z1, at::full({}, 0.25))) / 0.5;
+    CHECK(worst(slope, flow_velocity(z0, z1)) < 1e-6);
+    for (const int steps : {1, 2, 4, 8})
+        for (const double shift : {1.0, 3.0, 5.0}) {
+            const Tensor end = euler(z1, flow_times(steps, shift), [&](const Tensor& z, double t, int) {
+                CHECK(worst(z, flow_point(z0, z1, at::full({}, t))) < 1e-5);  // on the path all along
+                return flow_velocity(z0, z1);
+            });
+            CHECK(worst(end, z0) < 1e-5);
+            // The opposite sign does not: it ends as far beyond the noise.
+            const Tensor wrong = euler(z1, flow_times(steps, shift), [&](const Tensor&, double, int) { return -flow_velocity(z0, z1); });
+            CHECK(worst(wrong, 2 * z1 - z0) < 1e-5);
+        }
+    const std::vector<double> times = flow_times(4, 5);
+    CHECK(times.front() == 1);
+    CHECK(times.back() == 0);
+    CHECK(times[2] == Approx(5 * 0.5 / (1 + 4 * 0.5)));
+}
+
+TEST_CASE("models begin at the fill, and leave known pixels alone bit for bit", "[model]") {
+    for (const Kind kind : {Kind::pixel_unet, Kind::pixel_dit}) {
+        const Views v = sample(1, 1, 18, 25);  // no multiple of anything
+        Stream a, b;
+        CHECK(worst(inpaint::inpaint(initial_model(small(kind, false), 1), v, 1, 1, a), v.fill) == 0);
+        const Tensor out = inpaint::inpaint(woken(small(kind, false)), v, 1, 1, b);
+        const Tensor known = (v.hole == 0).expand_as(out);
+        CHECK(at::equal(out.masked_select(known), v.fill.masked_select(known)));
+        CHECK(worst(out, v.fill) > 1e-3);
+    }
+    Stream s;
+    const Views v = sample(1, 1, 32, 32);
+    const Tensor out = inpaint::inpaint(woken(small(Kind::latent_dit, true)), v, 2, 1, s);
+    const Tensor known = (v.hole == 0).expand_as(out);
+    CHECK(at::equal(out.masked_select(known), v.fill.masked_select(known)));
+}
+
+TEST_CASE("models come back from their files", "[model]") {
+    const Scratch scratch;
+    for (const Kind kind : {Kind::pixel_unet, Kind::pixel_dit, Kind::latent_dit}) {
+        Model m = woken(small(kind, true, kind == Kind::pixel_unet ? 0 : 3));
+        m.metadata = {{"license", "Apache-2.0"}, {"training", "{\"steps\": 0}"}};
+        const fs::path file = scratch.folder / "m.safetensors";
+        save_model(file, m, m.weights);
+        const Model back = load_model(file);
+        CHECK(json_of(back.config) == json_of(m.config));
+        CHECK(hash_of(back.weights) == hash_of(m.weights));
+        CHECK(hash_of(back.vae.weights) == hash_of(m.vae.weights));
+        CHECK(back.metadata.at("license") == "Apache-2.0");
+        Weights fewer = m.weights;
+        fewer.erase(fewer.begin());
+        save_model(file, m, fewer);
+        CHECK(told([&] { load_model(file); }).find("network." + m.weights.begin()->first) != std::string::npos);
+        Weights more = m.weights;
+        more["surplus"] = at::zeros({1});
+        save_model(file, m, more);
+        CHECK_THROWS_AS(load_model(file), Error);
+    }
+}
+
+TEST_CASE("streams: any pieces give what one shot gives, and memory stays", "[stream]") {
+    at::NoGradGuard no_grad;
+    for (const Kind kind : {Kind::pixel_dit, Kind::latent_dit}) {
+        const Model m = woken(small(kind, true, 3));
+        const int64_t frames = 13, unit = kind == Kind::latent_dit ? 4 : 1;
+        const Views all = sample(5, frames, 32, 32);
+        const auto piece = [&](int64_t at, int64_t n) {
+            return Views{all.fill.narrow(2, at, n), all.hole.narrow(2, at, n), all.neighbor.narrow(2, at, n),
+                         all.inverse_depth.narrow(2, at, n), {}, {}};
+        };
+        Stream once;
+        const Tensor whole = inpaint::inpaint(m, all, 2, 7, once);
+        REQUIRE(worst(whole, all.fill) > 1e-3);
+        for (const int64_t length : {unit, 2 * unit}) {
+            Stream stream;
+            std::vector<Tensor> parts;
+            int64_t kept = 0;
+            for (int64_t at = 0; at < frames;) {
+                const int64_t n = at == 0 ? 1 : std::min(length, frames - at);
+                parts.push_back(inpaint::inpaint(m, piece(at, n), 2, 7, stream));
+                at += n;
+                int64_t now = 0;
+                for (const DitCache& c : stream.caches)
+                    for (const Tensor& k : c.keys) now += k.numel();
+                for (const auto& [name, t] : stream.condition.past) now += t.numel();
+                for (const auto& [name, t] : stream.output.past) now += t.numel();
+                if (at > 3 * unit) {
+                    if (kept) CHECK(now == kept);
+                    kept = now;
+                }
+            }
+            CHECK(worst(at::cat(parts, 2), whole) < 1e-5);
+        }
+        // The window counts: without it the first frames would know of the last ones, and the last of the first.
+        Model wide = m;
+        wide.config.window = 0;
+        Stream full;
+        CHECK(worst(inpaint::inpaint(wide, all, 2, 7, full), whole) > 1e-4);
+        Stream first;
+        CHECK(worst(inpaint::inpaint(m, piece(0, 1), 2, 7, first), whole.narrow(2, 0, 1)) < 1e-5);
+    }
+}
+
+// For docs/network.md: peak memory of the process, so one run each: VSHIFT_STREAM=97 streamed, VSHIFT_STREAM=-97 in one
+// shot, with full attention.
+TEST_CASE("streams: memory and time against the number of frames", "[.][streaming]") {
+    const char* given = std::getenv("VSHIFT_STREAM");
+    REQUIRE(given);
+    const bool streamed = given[0] != '-';
+    const int64_t frames = std::abs(std::atoi(given));
+    ModelConfig c = small(Kind::latent_dit, true, streamed ? 4 : 0);
+    c.vae = parse_vae_config(nlohmann::json::parse(R"({"dim":16,"dec_dim":16,"z_dim":16,"res_blocks":1})"), "test");
+    c.dit = parse_dit_config(nlohmann::json::parse(R"({"dim":128,"ffn_dim":512,"layers":4,"heads":4,"freq_dim":64,
+        "text_dim":0,"patch":[1,1,1]})"), "test");
+    const Model m = woken(c);
+    const auto start = std::chrono::steady_clock::now();
+    Stream stream;
+    for (int64_t at = 0; at < frames;) {
+        const int64_t n = !streamed ? frames : at == 0 ? 1 : 4;
+        inpaint::inpaint(m, sample(uint64_t(at), n, 128, 224), 2, 7, stream);
+        at += n;
+    }
+    const double ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+    rusage usage{};
+    getrusage(RUSAGE_SELF, &usage);
+    WARN(frames << " frames " << (streamed ? "streamed" : "in one shot") << ": peak " << usage.ru_maxrss / 1024 << " MB, "
+                << int(ms / double(frames)) << " ms a frame");
+}
+
+TEST_CASE("training: accumulated gradients are those of the large batch", "[train]") {
+    for (const bool flow : {false, true}) {
+        const Model m = woken(small(Kind::pixel_dit, flow));
+        TrainOptions large, pieces;
+        large.batch = 6;
+        pieces.batch = 2;
+        pieces.accumulate = 3;
+        const auto [loss, grads] = gradients(m, m.weights, large, 4, samples());
+        const auto [loss3, grads3] = gradients(m, m.weights, pieces, 4, samples());
+        CHECK(loss == Approx(loss3).epsilon(1e-5));
+        double size = 0;
+        for (const auto& [name, g] : grads) size = std::max(size, g.abs().max().item<double>());
+        REQUIRE(size > 1e-4);
+        CHECK(worst(grads, grads3) < 1e-5 * std::max(1.0, size));
+        pieces.accumulate = 2;  // other samples: another gradient
+        CHECK(worst(grads, gradients(m, m.weights, pieces, 4, samples()).second) > 1e-4 * size);
+    }
+}
+
+TEST_CASE("training: one step of AdamW, by hand", "[train]") {
+    const Model m = woken(small(Kind::pixel_unet, false));
+    TrainOptions o;
+    o.steps = 2;
+    o.batch = 2;
+    o.learning_rate = 1e-2;
+    const Weights g = gradients(m, m.weights, o, 0, samples()).second;
+    const TrainState s = train(m, o, samples([](int64_t, double) { return false; }));
+    REQUIRE(s.step == 1);
+    for (const auto& [name, w] : m.weights) {
+        // First step: both moments are the gradient itself once their bias is taken out.
+        const Tensor expected = w * (1 - 1e-2 * 0.01) - 1e-2 * g.at(name) / (g.at(name).abs() + 1e-8);
+        CHECK(worst(s.weights.at(name), expected) < 2e-5);
+    }
+    CHECK(cosine_rate(1e-4, 0, 100) == Approx(1e-4));
+    CHECK(cosine_rate(1e-4, 50, 100) == Approx(0.5e-4));
+    CHECK(cosine_rate(1e-4, 100, 100) == Approx(0).margin(1e-12));
+}
+
+TEST_CASE("training: a run that stops goes on to the same bytes", "[train]") {
+    const Scratch scratch;
+    for (const bool flow : {false, true}) {
+        const Model m = initial_model(small(Kind::pixel_dit, flow), 2);
+        TrainOptions o;
+        o.steps = 8;
+        o.batch = 2;
+        o.learning_rate = 1e-3;
+        const TrainState straight = train(m, o, samples());
+        o.checkpoint_file = scratch.folder / (flow ? "flow.safetensors" : "regression.safetensors");
+        o.checkpoint_every = 3;
+        // Killed in step 5: the checkpoint of step 3 is what is left.
+        struct Killed {};
+        int64_t seen = 0;
+        CHECK_THROWS_AS(train(m, o, samples([&](int64_t step, double) { seen = step; return step == 5 ? throw Killed() : true; })), Killed);
+        CHECK(seen == 5);
+        const TrainState resumed = train(m, o, samples());
+        CHECK(hash_of(resumed.weights) == hash_of(straight.weights));
+        CHECK(hash_of(resumed.average) == hash_of(straight.average));
+        CHECK(curve_csv(resumed) == curve_csv(straight));
+        o.seed = 9;
+        CHECK(told([&] { train(m, o, samples()); }).find("checkpoint of another") != std::string::npos);
+    }
+}
+
+TEST_CASE("training: the loss falls, for every kind; the autoencoder stays as it was", "[train]") {
+    for (const Kind kind : {Kind::pixel_unet, Kind::pixel_dit, Kind::latent_dit})
+        for (const bool flow : {false, true}) {
+            const bool latent = kind == Kind::latent_dit;
+            Model m = initial_model(small(kind, flow), 2);
+            const uint64_t frozen = hash_of(m.vae.weights), before = hash_of(m.weights);
+            TrainOptions o;
+            o.steps = latent ? 120 : 60;
+            o.batch = 4;
+            o.learning_rate = 1e-2;
+            o.ema = 0.9;
+            const TrainHooks hooks{[&](uint64_t i) { return latent ? sample(i % 4, 1, 32, 32) : sample(i); }, {}};
+            const TrainState s = train(m, o, hooks);
+            double first = 0, last = 0;
+            for (int i = 0; i < 5; ++i) {
+                first += s.curve[size_t(i)][1] / 5;
+                last += s.curve[s.curve.size() - 1 - size_t(i)][1] / 5;
+            }
+            INFO("kind " << int(kind) << " flow " << flow << " loss " << first << " to " << last);
+            CHECK(last < 0.8 * first);
+            CHECK(hash_of(m.vae.weights) == frozen);
+            CHECK(hash_of(m.weights) == before);
+            CHECK(hash_of(s.weights) != before);
+            if (flow || latent) continue;
+            // And what it learned shows in the picture.
+            m.weights = s.average;
+            const Views v = sample(1000);
+            Stream stream;
+            CHECK((inpaint::inpaint(m, v, 1, 1, stream) - v.target).pow(2).mean().item<double>() <
+                  0.7 * (v.fill - v.target).pow(2).mean().item<double>());
+        }
+}
