@@ -103,7 +103,7 @@ HWY_INLINE hn::Vec<I> key_vector(V q, V gain, V centre_z, hn::Vec<I> place) {
     return hn::IfThenElse(known, key, hn::Set(d, top_key));
 }
 
-void keys(const LineRule& rule, const float* q, size_t n, int32_t* key, uint16_t* torn, uint8_t* rising) {
+void keys(const LineRule& rule, const float* q, size_t n, int32_t* key, uint16_t* torn, uint16_t* rising) {
     const F f;
     const I d;
     const size_t lanes = hn::Lanes(f);
@@ -117,19 +117,22 @@ void keys(const LineRule& rule, const float* q, size_t n, int32_t* key, uint16_t
     }
     key[blocks * block] = 0;
     for (size_t b = 0; b < blocks; ++b) {
-        uint32_t torn_bits = 0;
-        bool all_rise = true;
+        uint32_t torn_bits = 0, rising_bits = 0;
+        const auto bits_of = [&](const auto& tag, const auto& mask) {
+            uint8_t bits[8] = {};
+            hn::StoreMaskBits(tag, mask, bits);
+            return uint32_t(bits[0] | bits[1] << 8);
+        };
         for (size_t part = 0; part < block; part += lanes) {
             const size_t i = b * block + part;
             const auto mask = torn_between(hn::LoadU(f, q + i - 1), hn::LoadU(f, q + i), hn::LoadU(f, q + i + 1),
                                            hn::LoadU(f, q + i + 2), rule.tear);
-            uint8_t bits[8] = {};
-            hn::StoreMaskBits(f, mask, bits);
-            torn_bits |= uint32_t(bits[0] | bits[1] << 8) << part;
-            all_rise = all_rise && hn::AllTrue(d, hn::Gt(hn::LoadU(d, key + i), hn::LoadU(d, key + i + 1)));
+            torn_bits |= bits_of(f, mask) << part;
+            rising_bits |= bits_of(d, hn::Gt(hn::LoadU(d, key + i), hn::LoadU(d, key + i + 1))) << part;
         }
+        if (const size_t first = b * block; first + block >= n) rising_bits &= (1u << (n - 1 - first)) - 1;
         torn[b] = uint16_t(torn_bits);
-        rising[b] = torn_bits == 0 && all_rise && (b + 1) * block < n;
+        rising[b] = uint16_t(rising_bits & ~torn_bits);
     }
 }
 
@@ -140,7 +143,7 @@ void pixels(const PixelRule& r, const float* z, int y, size_t n, uint8_t* classe
     const auto set = [&](float value) { return hn::Set(f, value); };
     const V zero = hn::Zero(f), one = set(1);
     const float v = float(y) + 0.5f, ray_y = r.ray_y0 + r.ray_dy * float(y);
-    const V clear = set(r.clear_m);
+    const V clear = set(r.clear_m), largest = set(1e12f), least = set(1e-12f);
     const V row_u = set(r.to_shifted[0][1] * v + r.to_shifted[0][2]),
             row_v = set(r.to_shifted[1][1] * v + r.to_shifted[1][2]),
             row_w = set(r.to_shifted[2][1] * v + r.to_shifted[2][2]);
@@ -154,26 +157,29 @@ void pixels(const PixelRule& r, const float* z, int y, size_t n, uint8_t* classe
             source = z_last;
         }
         const V depth = hn::LoadU(f, source);
-        const V q = inverse_of(depth);
+        const auto sky = hn::Gt(depth, largest);
+        // Points are homogeneous: (x, y, 1) z, and the sky's is the direction alone.
+        const V z_or_one = hn::IfThenElse(sky, one, depth);
+        const auto moved = [&](int row) { return hn::IfThenZeroElse(sky, set(r.to_shifted[row][3])); };
         const V x = hn::Add(hn::ConvertTo(f, hn::Add(hn::Iota(d, 0), hn::Set(d, int32_t(i)))), set(0.5f));
         // V's image of the point.
-        const V pu = hn::MulAdd(q, set(r.to_shifted[0][3]), hn::MulAdd(x, set(r.to_shifted[0][0]), row_u));
-        const V pv = hn::MulAdd(q, set(r.to_shifted[1][3]), hn::MulAdd(x, set(r.to_shifted[1][0]), row_v));
-        const V pw = hn::MulAdd(q, set(r.to_shifted[2][3]), hn::MulAdd(x, set(r.to_shifted[2][0]), row_w));
+        const V pu = hn::MulAdd(z_or_one, hn::MulAdd(x, set(r.to_shifted[0][0]), row_u), moved(0));
+        const V pv = hn::MulAdd(z_or_one, hn::MulAdd(x, set(r.to_shifted[1][0]), row_v), moved(1));
+        const V pw = hn::MulAdd(z_or_one, hn::MulAdd(x, set(r.to_shifted[2][0]), row_w), moved(2));
         const auto inside = hn::And(hn::And(hn::And(hn::Gt(pw, zero), hn::Ge(pu, zero)),
                                             hn::And(hn::Lt(pu, hn::Mul(pw, set(r.shifted_width))), hn::Ge(pv, zero))),
                                     hn::Lt(pv, hn::Mul(pw, set(r.shifted_height))));
         // Where the segment enters the ball round V that is taken as free, and whether R looks there. The sky is
         // looked at from V, in its direction.
         const V rx = hn::MulAdd(hn::Sub(x, set(0.5f)), set(r.ray_dx), set(r.ray_x0)), ry = set(ray_y);
-        const auto sky = hn::Gt(depth, set(1e12f));
         const V cx = set(r.centre[0]), cy = set(r.centre[1]), cz = set(r.centre[2]);
         const V dx = hn::IfThenElse(sky, rx, hn::MulSub(rx, depth, cx)),
                 dy = hn::IfThenElse(sky, ry, hn::MulSub(ry, depth, cy)),
                 dz = hn::IfThenElse(sky, one, hn::Sub(depth, cz));
         const V length = hn::Sqrt(hn::MulAdd(dx, dx, hn::MulAdd(dy, dy, hn::Mul(dz, dz))));
-        const V share = hn::Div(clear, length);
-        const V ex = hn::MulAdd(share, dx, cx), ey = hn::MulAdd(share, dy, cy), ez = hn::MulAdd(share, dz, cz);
+        // centre + clear / length (dx, dy, dz), times length.
+        const V ex = hn::MulAdd(clear, dx, hn::Mul(cx, length)), ey = hn::MulAdd(clear, dy, hn::Mul(cy, length)),
+                ez = hn::MulAdd(clear, dz, hn::Mul(cz, length));
         const V eu = hn::MulAdd(set(r.fx), ex, hn::Mul(set(r.cx), ez)),
                 ev = hn::MulAdd(set(r.fy), ey, hn::Mul(set(r.cy), ez));
         const auto looked = hn::And(hn::And(hn::And(hn::Ge(ez, zero), hn::Ge(eu, zero)),
@@ -182,7 +188,7 @@ void pixels(const PixelRule& r, const float* z, int y, size_t n, uint8_t* classe
         const auto asked = hn::Or(sky, hn::Gt(length, clear));
         const auto bits = hn::Or(hn::IfThenElseZero(hn::RebindMask(d, hn::Not(inside)), hn::Set(d, 2)),
                                  hn::IfThenElseZero(hn::RebindMask(d, hn::AndNot(looked, asked)), hn::Set(d, 8)));
-        const auto known = hn::RebindMask(d, hn::Eq(q, q));
+        const auto known = hn::RebindMask(d, hn::Gt(depth, least));
         const hn::Rebind<uint8_t, F> bytes;
         uint8_t* target = classes + i;
         if (!whole) {

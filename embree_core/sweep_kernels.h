@@ -57,9 +57,9 @@ struct Kernels {
     /// q = 1/z of a row: 0 sky, NaN no measurement.
     void (*inverse)(const float* z, size_t n, float* q);
     void (*inverse_reversed)(const float* z, size_t n, float* q);
-    /// keys of samples 0..n-1; bit i of `torn`: samples i and i + 1 are not joined; bit b of `rising`: from the
-    /// sample after 16-block b, keys rise without a tear.
-    void (*keys)(const LineRule& rule, const float* q, size_t n, int32_t* key, uint16_t* torn, uint8_t* rising);
+    /// keys of samples 0..n-1; bit i of `torn` (16 to an element): samples i and i + 1 are not joined; bit i of `rising`:
+    /// they are, and the key of i is the greater.
+    void (*keys)(const LineRule& rule, const float* q, size_t n, int32_t* key, uint16_t* torn, uint16_t* rising);
     /// outside, unseen and unknown (no measurement) bits of a row of pixels, laid over `classes`.
     void (*pixels)(const PixelRule& rule, const float* z, int y, size_t n, uint8_t* classes);
     /// q of a row with its lowest bit set where the pixel is torn from the one below (rows are y-1, y, y+1, y+2; null

@@ -2,6 +2,7 @@
 // Role: one pass along one epipolar line: which of its samples V sees (sweep.h says why one pass is enough).
 #pragma once
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstring>
 #include <glm/glm.hpp>
@@ -67,8 +68,8 @@ private:
 struct Line {
     std::vector<float> q_room;
     std::vector<int32_t> key;
-    std::vector<uint16_t> torn;
-    std::vector<uint8_t> rising, classes;
+    std::vector<uint16_t> torn, rising;
+    std::vector<uint8_t> classes;
 
     explicit Line(size_t longest)
         : q_room(longest + 2 * padding, std::numeric_limits<float>::quiet_NaN()),
@@ -128,29 +129,30 @@ public:
         const int32_t* key = line_.key.data();
         uint8_t* out = line_.classes.data();
         while (end > begin) {
-            const size_t b = (end - 1) / block;
-            const size_t from = std::max(b * block, begin);
-            if (line_.rising[b] && end - from == block && highest_ == key[end]) {
-                std::fill_n(out + from, block, uint8_t(0));
-                highest_ = key[from];
-                end = from;
-                continue;
+            const size_t b = (end - 1) / block, in_block = (end - 1) % block;
+            if (highest_ == key[end]) {
+                // V sees the surface that reaches sample `end`: as long as it goes on rising, V sees it.
+                const uint32_t down = ~(uint32_t(line_.rising[b]) << (31 - in_block));
+                const size_t run = std::min({size_t(std::countl_zero(down)), in_block + 1, end - begin});
+                if (run > 0) {
+                    std::memset(out + end - run, 0, run);
+                    end -= run;
+                    highest_ = key[end];
+                    continue;
+                }
             }
-            const uint32_t torn = line_.torn[b];
-            for (size_t i = end; i-- > from;) {
-                int32_t start;  // of the surface that ends at sample i
-                if (i + 1 == n_)
-                    start = begin_at_border(i);
-                else if (torn >> (i - b * block) & 1)
-                    start = pass_tear(i);
-                else
-                    start = key[i + 1];
-                const int32_t hides = std::max(highest_, start);
-                uint8_t answer = invalid(i) ? uint8_t(unknown_bit) : ask(start, key[i]);
-                if (answer == occluded_bit && allowed_key(i) >= hides) answer = 0;
-                out[i] = answer;
-            }
-            end = from;
+            const size_t i = --end;
+            int32_t start;  // of the surface that ends at sample i
+            if (i + 1 == n_)
+                start = begin_at_border(i);
+            else if (line_.torn[b] >> in_block & 1)
+                start = pass_tear(i);
+            else
+                start = key[i + 1];
+            const int32_t hides = std::max(highest_, start);
+            uint8_t answer = invalid(i) ? uint8_t(unknown_bit) : ask(start, key[i]);
+            if (answer == occluded_bit && allowed_key(i) >= hides) answer = 0;
+            out[i] = answer;
         }
     }
 

@@ -118,7 +118,7 @@ struct SeamSetting {
         for (size_t i = 0; i < 3; ++i) {
             const TrueCamera camera = world().recorded(cameras[i]);
             surface_view(camera.intrinsics, camera.world_from_cam, world().depth[size_t(cameras[i])],
-                         v.world_from_cam.translation_m, surfaces[i]);
+                         v.world_from_cam.translation_m, DepthRules{}, surfaces[i]);
         }
     }
 };
