@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Charts of `vshift bench`: speed_accuracy.{svg,png} and cost.{svg,png} beside its bench.json.
+"""Charts and tables of `vshift bench` beside its bench.json: speed_accuracy.{svg,png}, cost.{svg,png}, tables.md.
 
     /usr/bin/python3 benchmark/charts/speed_accuracy.py DIR/bench.json [-o DIR]
 """
@@ -16,6 +16,8 @@ matplotlib.use("agg")
 from matplotlib import pyplot as plt  # noqa: E402
 from matplotlib import ticker  # noqa: E402
 from matplotlib.lines import Line2D  # noqa: E402
+
+import tables  # noqa: E402
 
 STYLE = {"svg.hashsalt": "vshift", "font.size": 10, "axes.grid": True, "grid.color": "#dddddd", "grid.linewidth": .6,
          "axes.axisbelow": True, "axes.spines.top": False, "axes.spines.right": False, "legend.frameon": False,
@@ -250,7 +252,8 @@ def main(arguments):
     with plt.rc_context(STYLE):
         save(draw_accuracy(bench), folder, "speed_accuracy")
         save(draw_cost(bench), folder, "cost")
-    print(f"{folder}: bench.json, bench.csv, speed_accuracy.svg and .png, cost.svg and .png")
+    tables.write(bench, folder / "tables.md")
+    print(f"{folder}: bench.json, bench.csv, tables.md, speed_accuracy and cost as .svg and .png, differences.png")
 
 
 if __name__ == "__main__":

@@ -70,15 +70,20 @@ ordered_json certificate(const Grid<uint8_t>& classes, const Mask& scene, const 
             {"unseen_share", double(unseen) / all}};
 }
 
-/// How two methods' classes differ.
-ordered_json compared(const Grid<uint8_t>& a, const Grid<uint8_t>& b) {
-    uint64_t occluded = 0, unknown = 0, any = 0;
-    for (size_t i = 0; i < a.size(); ++i) {
-        const unsigned d = a.data[i] ^ b.data[i];
-        occluded += (d & occluded_bit) != 0, unknown += (d & unknown_bit) != 0, any += d != 0;
-    }
+/// How two methods' classes differ in a case, and where.
+ordered_json compared(const Case& c, const Grid<uint8_t>& a, const Grid<uint8_t>& b) {
+    const Mask shell = bits(c.truth, VSHIFT_TRUTH_SHELL_SELF);
+    const Grid<uint8_t>& kind = c.world->kind[size_t(c.own)];
+    uint64_t occluded = 0, unknown = 0, any = 0, silhouette = 0;
+    for (int y = 0; y < a.height; ++y)
+        for (int x = 0; x < a.width; ++x) {
+            const unsigned d = a.at(x, y) ^ b.at(x, y);
+            occluded += (d & occluded_bit) != 0, unknown += (d & unknown_bit) != 0, any += d != 0;
+            silhouette += (d & occluded_bit) && at_silhouette(shell, kind, x, y);
+        }
     const double all = double(a.size());
     return {{"differing_share", double(occluded) / all},
+            {"at_silhouette_share", occluded ? double(silhouette) / double(occluded) : 1},
             {"differing_unknown_share", double(unknown) / all},
             {"differing_any_share", double(any) / all},
             {"f1", score_mask(bits(a, occluded_bit), bits(b, occluded_bit)).f1}};
@@ -90,6 +95,19 @@ bool is_zero(const Shift& shift) {
 /// 2 m to the left: what noise is measured at.
 bool is_two_left(const Shift& shift) {
     return shift.translation_m == glm::dvec3(0, 2, 0);
+}
+
+/// A case's depth in gray; red: the first method alone calls it occluded, blue: the second.
+ColorImage difference_picture(const Case& c, const Grid<uint8_t>& first, const Grid<uint8_t>& second) {
+    const DepthMap& depth = c.world->depth[size_t(c.own)];
+    ColorImage out(depth.width, depth.height);
+    for (size_t i = 0; i < out.size(); ++i) {
+        const float near = is_sky(depth.data[i]) ? 0.0f : std::min(1.0f, 4 / depth.data[i]);
+        const bool by_first = first.data[i] & occluded_bit, by_second = second.data[i] & occluded_bit;
+        out.data[i] = glm::vec3(by_first && by_second ? 0.9f - 0.3f * near : 0.5f - 0.45f * near);
+        if (by_first != by_second) out.data[i] = by_first ? glm::vec3(1, 0.1f, 0) : glm::vec3(0, 0.4f, 1);
+    }
+    return out;
 }
 
 /// The shifts at which the whole rig carves.
@@ -143,8 +161,10 @@ void run_case(Bench& bench, Case c, const std::vector<Method>& methods) {
     for (size_t i = 0; i < methods.size(); ++i) at[methods[i].name] = i;
     ordered_json agreement = row_head("sweep", c);
     agreement["against"] = "embree";
-    agreement.update(compared(results[at["sweep"]].classes, results[at["embree"]].classes));
+    agreement.update(compared(c, results[at["sweep"]].classes, results[at["embree"]].classes));
     bench.out["agreement"].push_back(std::move(agreement));
+    if (c.own == 1 && is_two_left(c.shift))
+        bench.differences = difference_picture(c, results[at["sweep"]].classes, results[at["embree"]].classes);
 
     if (bench.threads.size() > 1)
         for (size_t i = 0; i < methods.size(); ++i) {

@@ -108,7 +108,7 @@ void summarise(Bench& bench) {
     bench.out["summary"] = std::move(summary);
 }
 
-ordered_json run_bench(const Options& options, const Hooks& hooks) {
+ordered_json run_bench(const Options& options, const Hooks& hooks, ColorImage& differences) {
     const int width = options.picture_width();
     if (width < 64 || width > 4096 || width % 16)
         throw Error(ExitCode::bad_input,
@@ -165,6 +165,7 @@ ordered_json run_bench(const Options& options, const Hooks& hooks) {
     ordered_json steps = plan.run(hooks);
     bench.out["torch"] = bench.no_torch.empty() ? "measured" : "not measured: " + bench.no_torch;
     summarise(bench);
+    differences = std::move(bench.differences);
     bench.out["machine"]["load_after"] = load();
     bench.out["steps"] = std::move(steps);
     bench.out["seconds"] = whole.read().wall_ms / 1e3;

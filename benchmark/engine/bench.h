@@ -31,8 +31,8 @@ struct Hooks {
     std::filesystem::path scratch;  ///< an existing folder for what is exchanged with it
 };
 
-/// Throws Error, and whatever `show` throws.
-ordered_json run_bench(const Options& options, const Hooks& hooks);
+/// Throws Error, and whatever `show` throws. `differences` becomes a picture of where sweep and Embree differ.
+ordered_json run_bench(const Options& options, const Hooks& hooks, ColorImage& differences);
 /// One scalar a line: section, method, camera, shift, threads, quantity, value.
 std::string bench_csv(const ordered_json& bench);
 
@@ -65,6 +65,7 @@ struct Bench {
     std::vector<Case> cases;   ///< truth only: no depth of V
     std::vector<int> threads;  ///< {1, 2}, or {1} on one core
     std::string no_torch = "not asked";
+    ColorImage differences;
     ordered_json out;
 
     const World& full() const { return world[0]; }

@@ -50,8 +50,17 @@ void run(const Options& options) {
         stop_if_interrupted();
         progress.show(done, total, what);
     };
-    const bench::ordered_json result = bench::run_bench(options.bench, hooks);
+    ColorImage differences;
+    const bench::ordered_json result = bench::run_bench(options.bench, hooks, differences);
     progress.finish();
+    Channels picture;
+    picture.width = differences.width, picture.height = differences.height;
+    for (int c = 0; c < 3; ++c) {
+        std::vector<float> plane(differences.size());
+        for (size_t i = 0; i < plane.size(); ++i) plane[i] = differences.data[i][c];
+        picture.add(std::string(1, "RGB"[c]), std::move(plane));
+    }
+    write_image(folder / "differences.png", picture, {SampleType::uint8});
     write_whole_file(folder / "bench.json", result.dump(1) + "\n");
     write_whole_file(folder / "bench.csv", bench::bench_csv(result));
     const ProgramRun charts =
