@@ -44,15 +44,20 @@ struct Blocks {
           rows((floor.height + block - 1) / block),
           least(size_t(columns) * size_t(rows), std::numeric_limits<float>::infinity()) {
         tbb::parallel_for(0, rows, [&](int by) {
-            for (int y = by * block; y < std::min((by + 1) * block, floor.height); ++y)
-                for (int bx = 0; bx < columns; ++bx) {
+            const int y0 = by * block, y1 = std::min(y0 + block, floor.height);
+            for (int bx = 0; bx < columns; ++bx) {
+                const int n = std::min(block, floor.width - bx * block);
+                float lows[block];
+                std::fill_n(lows, block, std::numeric_limits<float>::infinity());
+                for (int y = y0; y < y1; ++y) {
                     const float* row = &floor.at(bx * block, y);
-                    const int n = std::min(block, floor.width - bx * block);
-                    float low = row[0];
-                    for (int i = 1; i < n; ++i) low = row[i] < low ? row[i] : low;
-                    float& out = least[size_t(by) * size_t(columns) + size_t(bx)];
-                    out = std::min(out, low);
+                    if (n == block)
+                        for (int i = 0; i < block; ++i) lows[i] = row[i] < lows[i] ? row[i] : lows[i];
+                    else
+                        for (int i = 0; i < n; ++i) lows[i] = row[i] < lows[i] ? row[i] : lows[i];
                 }
+                least[size_t(by) * size_t(columns) + size_t(bx)] = *std::min_element(lows, lows + block);
+            }
         });
     }
     /// Whether a surface whose 1/Z stays below `highest` could rise above the floor.
@@ -261,17 +266,25 @@ private:
     void draw_split(int cx, int cy) {
         const SplitCell cell = split_cell(field_, cx, cy);
         const float mu = float(cx) + 0.5f, mv = float(cy) + 0.5f;
+        // Where each corner's surface meets the edges to its neighbours in the ring (what is joined meets at one point)
+        // and the cell's centre.
+        Corner to_next[4], to_last[4], centres[4];
+        for (int c = 0; c < 4; ++c) {
+            const int n = (c + 1) % 4;
+            const float u = float(cx) + 0.5f * float(corner_dx[c] + corner_dx[n]);
+            const float v = float(cy) + 0.5f * float(corner_dy[c] + corner_dy[n]);
+            if (cell.part[c] >= 0) to_next[c] = map_.corner(u, v, cell.towards_next[c]);
+            if (cell.joined_next[c])
+                to_last[n] = to_next[c];
+            else if (cell.part[n] >= 0)
+                to_last[n] = map_.corner(u, v, cell.towards_last[n]);
+            if (cell.part[c] == c) centres[c] = map_.corner(mu, mv, cell.centre[c]);
+        }
         for (int c = 0; c < 4; ++c) {
             if (cell.part[c] < 0) continue;
             const int x = cx + corner_dx[c], y = cy + corner_dy[c];
-            const bool next_is_x = c == 0 || c == 2;
-            const float along_x = next_is_x ? cell.towards_next[c] : cell.towards_last[c];
-            const float along_y = next_is_x ? cell.towards_last[c] : cell.towards_next[c];
             const Corner own = map_.corner(float(x), float(y), field_.w.at(x, y));
-            const Corner centre = map_.corner(mu, mv, cell.centre[cell.part[c]]);
-            const Corner beside = map_.corner(mu, float(y), along_x), under = map_.corner(float(x), mv, along_y);
-            // Same turn as the recorded image: corners 0 and 2 go x first, 1 and 3 y first.
-            const Corner &first = next_is_x ? beside : under, &last = next_is_x ? under : beside;
+            const Corner &centre = centres[cell.part[c]], &first = to_next[c], &last = to_last[c];
             if (candidates(std::min(std::min(own.x, centre.x), std::min(first.x, last.x)),
                            std::max(std::max(own.x, centre.x), std::max(first.x, last.x)),
                            std::min(std::min(own.y, centre.y), std::min(first.y, last.y)),
@@ -390,7 +403,22 @@ Bounds bounds_of(const SurfaceView& view, int tile_x, int tile_y) {
         unsigned any_tear = 0;
         for (int x = x0; x <= x1; ++x) any_tear |= tears[x];
         torn |= any_tear != 0;
-        for (int x = x0; x <= x1; ++x) {
+        // Eight at a time, as vectors: the compiler must not reorder a single minimum.
+        int x = x0;
+        constexpr int lanes = 8;
+        float lows[lanes], highs[lanes];
+        int unknowns[lanes] = {};
+        std::fill_n(lows, lanes, low), std::fill_n(highs, lanes, high);
+        for (; x + lanes <= x1 + 1; x += lanes)
+            for (int i = 0; i < lanes; ++i) {
+                const float value = row[x + i];
+                lows[i] = value < lows[i] ? value : lows[i];
+                highs[i] = value > highs[i] ? value : highs[i];
+                unknowns[i] |= value != value;
+            }
+        for (int i = 0; i < lanes; ++i)
+            low = std::min(low, lows[i]), high = std::max(high, highs[i]), unknown |= unknowns[i];
+        for (; x <= x1; ++x) {
             low = row[x] < low ? row[x] : low;
             high = row[x] > high ? row[x] : high;
             unknown |= row[x] != row[x];

@@ -130,23 +130,33 @@ void seam_shifted(const std::vector<SeamCamera>& rig, int own_index, const Shift
         return !show(*n.camera, &out.floor, *n.shown);
     });
     const glm::dvec3 centre = shifted.world_from_cam.translation_m;
+    const Pose& world_from_v = shifted.world_from_cam;
+    std::vector<glm::dvec3> along_x(size_t(k.width));  // a ray is the sum of its column's part and its row's
+    for (int x = 0; x < k.width; ++x)
+        along_x[size_t(x)] = world_from_v.direction({(x + 0.5 - k.cx) / k.fx, 0, 0});
+    if (out.asked.size() != out.missing.size()) out.asked.resize(out.missing.size());
     tbb::parallel_for(0, k.height, [&](int y) {
+        const size_t first = size_t(y) * size_t(k.width);
+        uint8_t* const asked = &out.asked[first];
+        const glm::dvec3 row_along = world_from_v.direction({0, (y + 0.5 - k.cy) / k.fy, 1});
+        std::copy_n(&out.missing.data[first], k.width, asked);
+        for (const Neighbor& n : neighbors) {
+            const float *q = &n.shown->inverse_depth.data[first], *floor = &out.floor.data[first];
+            for (int x = n.shown->x0; x < n.shown->x1; ++x) asked[x] |= q[x] > floor[x];
+        }
+        std::fill_n(&out.seam.source.data[first], k.width, int16_t(own_index));
         for (int x = 0; x < k.width; ++x) {
-            const size_t at = size_t(y) * size_t(k.width) + size_t(x);
-            const bool missing = out.missing.data[at] != 0;
-            float front = missing ? out.own.inverse_depth.data[at] : out.floor.data[at];
+            if (!asked[x]) continue;
+            const size_t at = first + size_t(x);
+            float front = out.missing.data[at] ? out.own.inverse_depth.data[at] : out.floor.data[at];
             for (const Neighbor& n : neighbors)
                 if (n.shown->holds(x)) front = std::max(front, n.shown->inverse_depth.data[at]);
-            if (!missing && !(front > out.floor.data[at])) {
-                out.seam.source.data[at] = int16_t(own_index);
-                continue;
-            }
             out.seam.source.data[at] = -1;
             out.seam.color.data[at] = glm::vec3(0);
             const float least = front * float(1 - options.depth_tolerance);
             const Neighbor* best = nullptr;
             double best_cosine = -2, best_t = 0;
-            const glm::dvec3 along = shifted.world_from_cam.direction(ray(k, {x + 0.5, y + 0.5}));
+            const glm::dvec3 along = along_x[size_t(x)] + row_along;
             for (const Neighbor& n : neighbors) {
                 if (!n.shown->holds(x) || !is_seen(n.shown->sight.data[at])) continue;
                 const float q = n.shown->inverse_depth.data[at];

@@ -43,6 +43,7 @@ struct ShiftedSeam {
     Reprojection own;                     ///< what the own camera shows
     Mask missing;                         ///< 1 where it gives no colour
     Grid<float> floor;                    ///< scratch: 1/Z beyond which a neighbour's surface matters
+    std::vector<uint8_t> asked;           ///< scratch: pixels that neighbours decide
     std::vector<Reprojection> neighbors;  ///< scratch
 };
 void seam_shifted(const std::vector<SeamCamera>& rig, int own, const ShiftedCamera& shifted,

@@ -388,6 +388,28 @@ TEST_CASE("what stands outside the own frame hides what the own camera saw", "[s
     CHECK(own_behind > 5000);
     CHECK(wrong == 0);
 
+    // Above the floor nothing is lost, and nothing else is told.
+    Reprojection full;
+    REQUIRE(reproject(rig.surfaces[1], v, nullptr, full));
+    const Reprojection& some = got.neighbors[0];
+    size_t above = 0, differ = 0;
+    for (int y = 0; y < 240; ++y)
+        for (int x = 0; x < 320; ++x) {
+            const size_t at = size_t(y) * 320 + size_t(x);
+            const float floor = got.floor.data[at], q = full.inverse_depth.data[at];
+            const bool asked = q > floor || (floor == 0 && full.sight.data[at] != Sight::none);
+            above += asked && floor > 0;
+            if (!some.holds(x))
+                differ += asked;
+            else if (asked)
+                differ += some.inverse_depth.data[at] != q || some.sight.data[at] != full.sight.data[at] ||
+                          some.source_px.data[at] != full.source_px.data[at];
+            else if (floor > 0)
+                differ += some.inverse_depth.data[at] != 0 || some.sight.data[at] != Sight::none;
+        }
+    CHECK(above > 5000);
+    CHECK(differ == 0);
+
     // A board that only the neighbour saw, gone when the own camera looked at that place: the own camera is believed.
     World gone = card_before_wall();
     gone.push_back(upright(5, 1.7, 0, 0.3, 0.3));
