@@ -25,7 +25,8 @@ struct Neighbor {
     Pose cam_from_world;
     Reprojection* shown;
 
-    glm::vec3 color(glm::vec2 source_px, glm::vec2 target_px, const glm::dvec3& from, const glm::dvec3& along, double t) const {
+    glm::vec3 color(glm::vec2 source_px, glm::vec2 target_px, const glm::dvec3& from, const glm::dvec3& along,
+                    double t) const {
         if (camera->bent) source_px = bent_source_px(*camera->bent, from, along, t);
         return camera->gain * sampler.at(source_px, target_px);
     }
@@ -168,7 +169,8 @@ void seam_shifted(const std::vector<SeamCamera>& rig, int own_index, const Shift
             }
             if (!best) continue;
             out.seam.source.data[at] = int16_t(best->index);
-            out.seam.color.data[at] = best->color(best->shown->source_px.data[at], {x + 0.5f, y + 0.5f}, centre, along, best_t);
+            out.seam.color.data[at] =
+                best->color(best->shown->source_px.data[at], {x + 0.5f, y + 0.5f}, centre, along, best_t);
         }
     });
 }
