@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <limits>
 
 #include "embree_core/mesh_builder.h"
@@ -102,13 +103,25 @@ void find_tears(const Intrinsics& intrinsics, const Grid<float>& w, const LiftOp
         const float* own = &w.data[size_t(y) * size_t(w.width)];
         const float* under = y + 1 < w.height ? own + w.width : own;
         uint8_t* row = &tears.data[size_t(y) * size_t(w.width)];
+        // In two passes, of which the first is a vector loop.
+        const int last = w.width - 1;
+        const float step_x = small_x, step_y = small_y;
+        for (int x = 0; x < last; ++x) {
+            const float a = own[x], right = own[x + 1], below = under[x];
+            const int flat = (std::fabs(right - a) <= step_x) & (std::fabs(below - a) <= step_y);
+            row[x] = uint8_t(1 ^ (flat & (a > 0) & (right > 0) & (below > 0)));
+        }
+        row[w.width - 1] = 1;
         for (int x = 0; x < w.width; ++x) {
-            const float a = own[x], right = own[x + 1 < w.width ? x + 1 : x], below = under[x];
-            const bool flat_x = std::fabs(right - a) <= small_x, flat_y = std::fabs(below - a) <= small_y;
-            if (flat_x & flat_y & (a > 0) & (right > 0) & (below > 0)) {
-                row[x] = 0;
-                continue;
+            if (uint64_t eight = 1; x + 8 <= w.width) {
+                std::memcpy(&eight, row + x, 8);
+                if (eight == 0) {
+                    x += 7;
+                    continue;
+                }
             }
+            if (!row[x]) continue;
+            const float a = own[x];
             const auto torn = [&](float b, float before, float after, double scale) {
                 if (std::isnan(b)) return false;  // no such pixel, or no measurement: never joined anyway
                 if ((a > 0) != (b > 0)) return true;

@@ -34,61 +34,66 @@ bool owns_edge(float dx, float dy) {
     return dy < 0 || (dy == 0 && dx > 0);
 }
 
+/// The floor's least value in every block of pixels.
 struct Blocks {
     int columns = 0, rows = 0;
-    std::vector<uint32_t> sums;  ///< integral image, one row and column more
+    std::vector<float> least;
 
-    explicit Blocks(const Mask& where)
-        : columns((where.width + block - 1) / block), rows((where.height + block - 1) / block) {
-        std::vector<uint32_t> counts(size_t(columns) * size_t(rows));
+    explicit Blocks(const Grid<float>& floor)
+        : columns((floor.width + block - 1) / block),
+          rows((floor.height + block - 1) / block),
+          least(size_t(columns) * size_t(rows), std::numeric_limits<float>::infinity()) {
         tbb::parallel_for(0, rows, [&](int by) {
-            for (int y = by * block; y < std::min((by + 1) * block, where.height); ++y)
-                for (int bx = 0; bx < columns; ++bx) {
-                    const uint8_t* row = &where.at(bx * block, y);
-                    unsigned sum = 0;
-                    if ((bx + 1) * block <= where.width)
-                        for (int i = 0; i < block; ++i) sum += row[i];
+            const int y0 = by * block, y1 = std::min(y0 + block, floor.height);
+            for (int bx = 0; bx < columns; ++bx) {
+                const int n = std::min(block, floor.width - bx * block);
+                float lows[block];
+                std::fill_n(lows, block, std::numeric_limits<float>::infinity());
+                for (int y = y0; y < y1; ++y) {
+                    const float* row = &floor.at(bx * block, y);
+                    if (n == block)
+                        for (int i = 0; i < block; ++i) lows[i] = row[i] < lows[i] ? row[i] : lows[i];
                     else
-                        for (int i = 0; i < where.width - bx * block; ++i) sum += row[i];
-                    counts[size_t(by) * size_t(columns) + size_t(bx)] += sum;
+                        for (int i = 0; i < n; ++i) lows[i] = row[i] < lows[i] ? row[i] : lows[i];
                 }
+                least[size_t(by) * size_t(columns) + size_t(bx)] = *std::min_element(lows, lows + block);
+            }
         });
-        sums.assign(size_t(columns + 1) * size_t(rows + 1), 0);
-        for (int y = 0; y < rows; ++y)
-            for (int x = 0; x < columns; ++x)
-                sum(x + 1, y + 1) =
-                    counts[size_t(y) * size_t(columns) + size_t(x)] + sum(x, y + 1) + sum(x + 1, y) - sum(x, y);
     }
-    uint32_t& sum(int x, int y) { return sums[size_t(y) * size_t(columns + 1) + size_t(x)]; }
-    bool any(const Range& r) const {
-        const auto at = [&](int x, int y) { return sums[size_t(y) * size_t(columns + 1) + size_t(x)]; };
-        const int x0 = r.x0 / block, x1 = (r.x1 + block - 1) / block, y0 = r.y0 / block,
-                  y1 = (r.y1 + block - 1) / block;
-        return at(x1, y1) + at(x0, y0) != at(x0, y1) + at(x1, y0);
+    /// Whether a surface whose 1/Z stays below `highest` could rise above the floor.
+    bool any(const Range& r, float highest) const {
+        for (int y = r.y0 / block; y * block < r.y1; ++y)
+            for (int x = r.x0 / block; x * block < r.x1; ++x)
+                if (least[size_t(y) * size_t(columns) + size_t(x)] < highest) return true;
+        return false;
     }
 };
 
 struct Tile {
     int x = 0, y = 0;
     Bounds w;
-    Range reach;  ///< pixels of V that it can touch
+    Range reach;      ///< pixels of V that it can touch
+    float highest_q;  ///< in V
 };
 
 /// One band of V's rows.
 class Band {
 public:
-    Band(const SurfaceView& view, const FloatMap& map, const Mask* where, Reprojection& out, int y0, int y1)
+    Band(const SurfaceView& view, const FloatMap& map, const Grid<float>* floor, Reprojection& out, int y0, int y1)
         : field_{view.inverse_depth, view.tears},
           view_(view),
           map_(map),
-          where_(where),
+          floor_(floor),
           out_(out),
           width_(out.sight.width),
           y0_(y0),
           y1_(y1) {
         for (int y = y0; y < y1; ++y) {
             const size_t begin = size_t(y) * size_t(width_) + size_t(out.x0), n = size_t(out.x1 - out.x0);
-            std::fill_n(&out.inverse_depth.data[begin], n, 0.0f);
+            if (floor)
+                std::copy_n(&floor->data[begin], n, &out.inverse_depth.data[begin]);
+            else
+                std::fill_n(&out.inverse_depth.data[begin], n, 0.0f);
             std::fill_n(&out.wall[begin], n, 0.0f);
         }
     }
@@ -131,8 +136,12 @@ public:
             const glm::dvec3 row = sky_map.turn[1] * (y + 0.5) + sky_map.turn[2];
             for (int x = out_.x0; x < out_.x1; ++x) {
                 const size_t at = size_t(y) * size_t(width_) + size_t(x);
-                if (where_ && !where_->data[at]) continue;
                 const float q = out_.inverse_depth.data[at];
+                if (const float floor = floor_ ? floor_->data[at] : 0; floor > 0 && q == floor) {
+                    out_.inverse_depth.data[at] = 0;
+                    out_.sight.data[at] = Sight::none;
+                    continue;
+                }
                 const bool wall = out_.wall[at] > q * wall_margin;
                 Sight& sight = out_.sight.data[at];
                 if (q > 0) {
@@ -158,7 +167,7 @@ private:
     SurfaceField field_;
     const SurfaceView& view_;
     const FloatMap& map_;
-    const Mask* where_;
+    const Grid<float>* floor_;
     Reprojection& out_;
     int width_, y0_, y1_;
 
@@ -176,7 +185,6 @@ private:
     void put_cells(int x0, int y, int n, const raster::Row& above, const raster::Row& below) {
         float* const depth = out_.inverse_depth.data.data();
         glm::vec2* const source = out_.source_px.data.data();
-        const uint8_t* const where = where_ ? where_->data.data() : nullptr;
         const size_t width = size_t(width_);
         for (int i = 0; i < n; ++i) {
             const int kind = cells_.kind[i];
@@ -195,7 +203,7 @@ private:
                 if (!(hits >> k & 1)) continue;
                 const size_t at = first + size_t(k & 1) + (k >> 1 ? width : 0);
                 const float q = cells_.q[k][i];
-                if (!(q > depth[at]) || (where && !where[at])) continue;
+                if (!(q > depth[at])) continue;
                 depth[at] = q;
                 source[at] = {cells_.u[k][i] + 0.5f, cells_.v[k][i] + 0.5f};
             }
@@ -208,8 +216,6 @@ private:
         return {ceiling(std::clamp(x0, left, right)), ceiling(std::clamp(x1, left, right)),
                 ceiling(std::clamp(y0, top, bottom)), ceiling(std::clamp(y1, top, bottom))};
     }
-
-    bool wanted(int x, int y) const { return !where_ || where_->at(x, y); }
 
     /// A cell that covers more than 2x2 pixels or is seen from behind.
     void draw_wide(int cx, int cy, const raster::Row& a, const raster::Row& b, int i) {
@@ -237,7 +243,6 @@ private:
                                      std::min(a.y, std::min(b.y, c.y)), std::max(a.y, std::max(b.y, c.y)));
         for (int y = box.y0; y < box.y1; ++y)
             for (int x = box.x0; x < box.x1; ++x) {
-                if (!wanted(x, y)) continue;
                 const float px = float(x), py = float(y);
                 const auto edge = [&](const Corner& p, const Corner& q) {
                     return (p.x - px) * (q.y - py) - (p.y - py) * (q.x - px);
@@ -261,17 +266,25 @@ private:
     void draw_split(int cx, int cy) {
         const SplitCell cell = split_cell(field_, cx, cy);
         const float mu = float(cx) + 0.5f, mv = float(cy) + 0.5f;
+        // Where each corner's surface meets the edges to its neighbours in the ring (what is joined meets at one point)
+        // and the cell's centre.
+        Corner to_next[4], to_last[4], centres[4];
+        for (int c = 0; c < 4; ++c) {
+            const int n = (c + 1) % 4;
+            const float u = float(cx) + 0.5f * float(corner_dx[c] + corner_dx[n]);
+            const float v = float(cy) + 0.5f * float(corner_dy[c] + corner_dy[n]);
+            if (cell.part[c] >= 0) to_next[c] = map_.corner(u, v, cell.towards_next[c]);
+            if (cell.joined_next[c])
+                to_last[n] = to_next[c];
+            else if (cell.part[n] >= 0)
+                to_last[n] = map_.corner(u, v, cell.towards_last[n]);
+            if (cell.part[c] == c) centres[c] = map_.corner(mu, mv, cell.centre[c]);
+        }
         for (int c = 0; c < 4; ++c) {
             if (cell.part[c] < 0) continue;
             const int x = cx + corner_dx[c], y = cy + corner_dy[c];
-            const bool next_is_x = c == 0 || c == 2;
-            const float along_x = next_is_x ? cell.towards_next[c] : cell.towards_last[c];
-            const float along_y = next_is_x ? cell.towards_last[c] : cell.towards_next[c];
             const Corner own = map_.corner(float(x), float(y), field_.w.at(x, y));
-            const Corner centre = map_.corner(mu, mv, cell.centre[cell.part[c]]);
-            const Corner beside = map_.corner(mu, float(y), along_x), under = map_.corner(float(x), mv, along_y);
-            // Same turn as the recorded image: corners 0 and 2 go x first, 1 and 3 y first.
-            const Corner &first = next_is_x ? beside : under, &last = next_is_x ? under : beside;
+            const Corner &centre = centres[cell.part[c]], &first = to_next[c], &last = to_last[c];
             if (candidates(std::min(std::min(own.x, centre.x), std::min(first.x, last.x)),
                            std::max(std::max(own.x, centre.x), std::max(first.x, last.x)),
                            std::min(std::min(own.y, centre.y), std::min(first.y, last.y)),
@@ -390,7 +403,22 @@ Bounds bounds_of(const SurfaceView& view, int tile_x, int tile_y) {
         unsigned any_tear = 0;
         for (int x = x0; x <= x1; ++x) any_tear |= tears[x];
         torn |= any_tear != 0;
-        for (int x = x0; x <= x1; ++x) {
+        // Eight at a time, as vectors: the compiler must not reorder a single minimum.
+        int x = x0;
+        constexpr int lanes = 8;
+        float lows[lanes], highs[lanes];
+        int unknowns[lanes] = {};
+        std::fill_n(lows, lanes, low), std::fill_n(highs, lanes, high);
+        for (; x + lanes <= x1 + 1; x += lanes)
+            for (int i = 0; i < lanes; ++i) {
+                const float value = row[x + i];
+                lows[i] = value < lows[i] ? value : lows[i];
+                highs[i] = value > highs[i] ? value : highs[i];
+                unknowns[i] |= value != value;
+            }
+        for (int i = 0; i < lanes; ++i)
+            low = std::min(low, lows[i]), high = std::max(high, highs[i]), unknown |= unknowns[i];
+        for (; x <= x1; ++x) {
             low = row[x] < low ? row[x] : low;
             high = row[x] > high ? row[x] : high;
             unknown |= row[x] != row[x];
@@ -405,7 +433,7 @@ Bounds bounds_of(const SurfaceView& view, int tile_x, int tile_y) {
 
 }  // namespace
 
-bool reproject(const SurfaceView& view, const ShiftedCamera& shifted, const Mask* where, Reprojection& out) {
+bool reproject(const SurfaceView& view, const ShiftedCamera& shifted, const Grid<float>* floor, Reprojection& out) {
     const Intrinsics& target = shifted.intrinsics;
     const int width = target.width, height = target.height;
     const ProjectiveMap exact =
@@ -423,18 +451,18 @@ bool reproject(const SurfaceView& view, const ShiftedCamera& shifted, const Mask
             if (tile.w.low <= tile.w.high)
                 tile.reach = reach_of(map, float(tile.x), float(std::min(tile.x + tile_columns, view.intrinsics.width)),
                                       float(tile.y), float(std::min(tile.y + tile_rows, view.intrinsics.height)),
-                                      tile.w, width, height);
+                                      tile.w, width, height, &tile.highest_q);
         }
     });
-    if (where) {
-        const Blocks blocks(*where);
-        std::erase_if(tiles, [&](const Tile& t) { return t.reach.empty() || !blocks.any(t.reach); });
+    if (floor) {
+        const Blocks blocks(*floor);
+        std::erase_if(tiles, [&](const Tile& t) { return t.reach.empty() || !blocks.any(t.reach, t.highest_q); });
     } else {
         std::erase_if(tiles, [](const Tile& t) { return t.reach.empty(); });
     }
-    int x0 = where ? width : 0, x1 = where ? 0 : width;
+    int x0 = floor ? width : 0, x1 = floor ? 0 : width;
     for (const Tile& t : tiles) x0 = std::min(x0, t.reach.x0), x1 = std::max(x1, t.reach.x1);
-    if (where && view.sky_px > 0) {  // sky: where both images meet, which are convex: probes every few pixels will do
+    if (floor && view.sky_px > 0) {  // sky: where both images meet, which are convex: probes every few pixels will do
         constexpr int step = 8;
         for (int y = 0; y < height + step; y += step)
             for (int x = 0; x < width + step; x += step) {
@@ -459,7 +487,7 @@ bool reproject(const SurfaceView& view, const ShiftedCamera& shifted, const Mask
     const int bands = (height + band_rows - 1) / band_rows;
     tbb::parallel_for(0, bands, [&](int b) {
         const int y0 = b * band_rows, y1 = std::min(y0 + band_rows, height);
-        Band band(view, map, where, out, y0, y1);
+        Band band(view, map, floor, out, y0, y1);
         for (const Tile& tile : tiles)
             if (tile.reach.y0 < y1 && tile.reach.y1 > y0) band.draw(tile);
         band.finish(back, view.intrinsics);

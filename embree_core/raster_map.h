@@ -64,9 +64,11 @@ struct Bounds {
 
 /// What a box of R can reach in V: the map is fractional linear, so its bounds over a box of (u, v, w) are at the
 /// corners.
-inline Range reach_of(const FloatMap& map, float u0, float u1, float v0, float v1, Bounds w, int width, int height) {
+inline Range reach_of(const FloatMap& map, float u0, float u1, float v0, float v1, Bounds w, int width, int height,
+                      float* highest_q = nullptr) {
     constexpr float slack = 0.01f;  // walls' reach, rounding
     float left = std::numeric_limits<float>::infinity(), right = -left, top = left, bottom = -left;
+    float highest = 0;
     int behind = 0;
     for (int i = 0; i < 8; ++i) {
         const glm::vec3 h = map.at(i & 1 ? u1 : u0, i & 2 ? v1 : v0, i & 4 ? w.high : w.low);
@@ -76,8 +78,10 @@ inline Range reach_of(const FloatMap& map, float u0, float u1, float v0, float v
         }
         left = std::min(left, h.x / h.z), right = std::max(right, h.x / h.z);
         top = std::min(top, h.y / h.z), bottom = std::max(bottom, h.y / h.z);
+        highest = std::max(highest, (i & 4 ? w.high : w.low) / h.z);
     }
     if (behind == 8) return {};
+    if (highest_q) *highest_q = behind ? std::numeric_limits<float>::infinity() : highest * (1 + 1e-4f);
     if (behind) return {0, width, 0, height};
     const auto whole = [](float value, int limit) { return int(std::clamp(value, 0.0f, float(limit))); };
     return {whole(std::ceil(left - slack), width), whole(std::floor(right + slack) + 1, width),

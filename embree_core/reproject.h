@@ -52,10 +52,10 @@ struct Reprojection {
     bool holds(int x) const { return x >= x0 && x < x1; }
 };
 
-/// By rasterising. `where`: only pixels that are set there are answered, in as many columns as it takes (null: all of
-/// them); others are left unfinished. Returns false where no surface or sky can fall on such a
-/// pixel. The same bytes whatever the number of threads.
-bool reproject(const SurfaceView& view, const ShiftedCamera& shifted, const Mask* where, Reprojection& out);
+/// By rasterising. `floor` (null: 0 everywhere): only surfaces with a greater 1/Z are answered, in as many columns as it
+/// takes; where it is above 0 other pixels hold 0 and Sight::none, sky and walls alone are not told. Returns false where
+/// there is nothing to answer. The same bytes whatever the number of threads.
+bool reproject(const SurfaceView& view, const ShiftedCamera& shifted, const Grid<float>* floor, Reprojection& out);
 
 /// By casting rays at the lifted mesh.
 void cast(const LiftedView& view, const ShiftedCamera& shifted, Reprojection& out);

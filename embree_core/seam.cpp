@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <list>
 
 namespace vshift {
@@ -24,7 +25,8 @@ struct Neighbor {
     Pose cam_from_world;
     Reprojection* shown;
 
-    glm::vec3 color(glm::vec2 source_px, glm::vec2 target_px, const glm::dvec3& from, const glm::dvec3& along, double t) const {
+    glm::vec3 color(glm::vec2 source_px, glm::vec2 target_px, const glm::dvec3& from, const glm::dvec3& along,
+                    double t) const {
         if (camera->bent) source_px = bent_source_px(*camera->bent, from, along, t);
         return camera->gain * sampler.at(source_px, target_px);
     }
@@ -66,14 +68,49 @@ std::optional<glm::vec2> seen_at(const Neighbor& n, const glm::dvec3& from, cons
     return same ? std::optional(glm::vec2(*u)) : std::nullopt;
 }
 
+/// 1/Z in V above which a neighbour's surface is news to the own camera: 0 where that gave no colour; else where the
+/// pixel's ray has left its frame towards V, and nearer than what it saw there. In its pixels and w = 1/Z of V the
+/// planes of its frustum are a(x, y) + m w >= 0.
+void find_floor(const SurfaceView& own, const ShiftedCamera& shifted, const Reprojection& shown, const Mask& missing,
+                double tolerance, Grid<float>& out) {
+    const Intrinsics &k = own.intrinsics, &target = shifted.intrinsics;
+    if (out.width != target.width || out.height != target.height) out = Grid<float>(target.width, target.height);
+    const ProjectiveMap map = projective_map(target, shifted.world_from_cam, k, own.world_from_cam);
+    struct Plane {
+        double m;
+        glm::dvec3 a;
+    };
+    const auto plane = [&](double x, double y, double z) {
+        const glm::dvec3 of(x, y, z);
+        return Plane{glm::dot(of, map.move), of * map.turn};
+    };
+    std::vector<Plane> planes{plane(1, 0, 0), plane(-1, 0, k.width), plane(0, 1, 0), plane(0, -1, k.height)};
+    std::erase_if(planes, [](const Plane& p) { return !(p.m < 0); });
+    constexpr float never = std::numeric_limits<float>::infinity(), least = std::numeric_limits<float>::min();
+    const float nearer = float(1 / (1 - tolerance));
+    tbb::parallel_for(0, target.height, [&](int y) {
+        const size_t first = size_t(y) * size_t(target.width);
+        float* const row = &out.data[first];
+        std::fill_n(row, target.width, never);
+        for (const Plane& p : planes) {
+            const float step = float(-p.a.x / p.m), start = float(-(p.a.x * 0.5 + p.a.y * (y + 0.5) + p.a.z) / p.m);
+            for (int x = 0; x < target.width; ++x) row[x] = std::min(row[x], start + step * float(x));
+        }
+        for (int x = 0; x < target.width; ++x) {
+            const float here = std::max({row[x], shown.inverse_depth.data[first + size_t(x)] * nearer, least});
+            row[x] = missing.data[first + size_t(x)] ? 0.0f : here;
+        }
+    });
+}
+
 }  // namespace
 
 void seam_shifted(const std::vector<SeamCamera>& rig, int own_index, const ShiftedCamera& shifted,
                   const SeamOptions& options, ShiftedSeam& out) {
     const SeamCamera& own = rig.at(size_t(own_index));
     const Intrinsics& k = shifted.intrinsics;
-    const auto show = [&](const SeamCamera& camera, const Mask* where, Reprojection& shown) {
-        if (!camera.lifted) return reproject(*camera.surface, shifted, where, shown);
+    const auto show = [&](const SeamCamera& camera, const Grid<float>* floor, Reprojection& shown) {
+        if (!camera.lifted) return reproject(*camera.surface, shifted, floor, shown);
         cast(*camera.lifted, shifted, shown);
         return true;
     };
@@ -82,6 +119,7 @@ void seam_shifted(const std::vector<SeamCamera>& rig, int own_index, const Shift
         field_of(*own.surface), *own.image,
         projective_map(own.surface->intrinsics, own.surface->world_from_cam, k, shifted.world_from_cam));
     warp(out.own, own_sampler, options.edge, out.seam.color, out.missing);
+    find_floor(*own.surface, shifted, out.own, out.missing, options.depth_tolerance, out.floor);
     if (out.seam.source.size() != out.missing.size() || out.seam.source.width != k.width)
         out.seam.source = Grid<int16_t>(k.width, k.height);
 
@@ -90,28 +128,40 @@ void seam_shifted(const std::vector<SeamCamera>& rig, int own_index, const Shift
     size_t place = 0;
     std::erase_if(neighbors, [&](Neighbor& n) {
         n.shown = &out.neighbors[place++];
-        return !show(*n.camera, &out.missing, *n.shown);
+        return !show(*n.camera, &out.floor, *n.shown);
     });
     const glm::dvec3 centre = shifted.world_from_cam.translation_m;
+    const Pose& world_from_v = shifted.world_from_cam;
+    std::vector<glm::dvec3> along_x(size_t(k.width));  // a ray is the sum of its column's part and its row's
+    for (int x = 0; x < k.width; ++x)
+        along_x[size_t(x)] = world_from_v.direction({(x + 0.5 - k.cx) / k.fx, 0, 0});
+    if (out.asked.size() != out.missing.size()) out.asked.resize(out.missing.size());
     tbb::parallel_for(0, k.height, [&](int y) {
+        const size_t first = size_t(y) * size_t(k.width);
+        uint8_t* const asked = &out.asked[first];
+        const glm::dvec3 row_along = world_from_v.direction({0, (y + 0.5 - k.cy) / k.fy, 1});
+        std::copy_n(&out.missing.data[first], k.width, asked);
+        for (const Neighbor& n : neighbors) {
+            const float *q = &n.shown->inverse_depth.data[first], *floor = &out.floor.data[first];
+            for (int x = n.shown->x0; x < n.shown->x1; ++x) asked[x] |= q[x] > floor[x];
+        }
+        std::fill_n(&out.seam.source.data[first], k.width, int16_t(own_index));
         for (int x = 0; x < k.width; ++x) {
-            const size_t at = size_t(y) * size_t(k.width) + size_t(x);
-            if (!out.missing.data[at]) {
-                out.seam.source.data[at] = int16_t(own_index);
-                continue;
-            }
-            out.seam.source.data[at] = -1;
-            float front = out.own.inverse_depth.data[at];
+            if (!asked[x]) continue;
+            const size_t at = first + size_t(x);
+            float front = out.missing.data[at] ? out.own.inverse_depth.data[at] : out.floor.data[at];
             for (const Neighbor& n : neighbors)
                 if (n.shown->holds(x)) front = std::max(front, n.shown->inverse_depth.data[at]);
+            out.seam.source.data[at] = -1;
+            out.seam.color.data[at] = glm::vec3(0);
             const float least = front * float(1 - options.depth_tolerance);
             const Neighbor* best = nullptr;
             double best_cosine = -2, best_t = 0;
-            const glm::dvec3 along = shifted.world_from_cam.direction(ray(k, {x + 0.5, y + 0.5}));
+            const glm::dvec3 along = along_x[size_t(x)] + row_along;
             for (const Neighbor& n : neighbors) {
                 if (!n.shown->holds(x) || !is_seen(n.shown->sight.data[at])) continue;
                 const float q = n.shown->inverse_depth.data[at];
-                if (q < least) continue;
+                if (q < std::max(least, out.floor.data[at])) continue;
                 if (options.edge == EdgeBand::drop && n.sampler.is_edge(n.shown->source_px.data[at])) continue;
                 const double t = 1 / double(q);
                 const double cosine = q > 0 ? direction_cosine(n, centre + t * along, along) : 1;
@@ -119,7 +169,8 @@ void seam_shifted(const std::vector<SeamCamera>& rig, int own_index, const Shift
             }
             if (!best) continue;
             out.seam.source.data[at] = int16_t(best->index);
-            out.seam.color.data[at] = best->color(best->shown->source_px.data[at], {x + 0.5f, y + 0.5f}, centre, along, best_t);
+            out.seam.color.data[at] =
+                best->color(best->shown->source_px.data[at], {x + 0.5f, y + 0.5f}, centre, along, best_t);
         }
     });
 }

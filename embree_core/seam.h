@@ -2,8 +2,9 @@
 // Role: what the own camera lacks, from the neighbours that saw it (paper III-D; method.md sections 3 and 4).
 // Stage: seam. Cameras fire at different times: each has its own pose in the world.
 //
-// In the shifted view a neighbour's surface is pasted only where it is the front-most of all that the rig saw on the
-// pixel's ray, walls of its own not before it. In the recorded view the surface point is known, and a neighbour saw it
+// In the shifted view a surface is shown only where it is the front-most of all that the rig saw on the pixel's ray,
+// walls of its own not before it: where a neighbour saw something nearer than the own camera did, outside the own
+// camera's frame, that hides what the own camera saw. (Inside its frame the own camera knows best.) In the recorded view the surface point is known, and a neighbour saw it
 // when its own depth map says so there. Of several the one with the nearest viewing direction gives the colour; of the
 // sky, which is endless, the one whose axis lies nearest.
 #pragma once
@@ -41,6 +42,8 @@ struct ShiftedSeam {
     Seam seam;
     Reprojection own;                     ///< what the own camera shows
     Mask missing;                         ///< 1 where it gives no colour
+    Grid<float> floor;                    ///< scratch: 1/Z beyond which a neighbour's surface matters
+    std::vector<uint8_t> asked;           ///< scratch: pixels that neighbours decide
     std::vector<Reprojection> neighbors;  ///< scratch
 };
 void seam_shifted(const std::vector<SeamCamera>& rig, int own, const ShiftedCamera& shifted,

@@ -4,6 +4,7 @@
 #include <tbb/parallel_for.h>
 
 #include <cmath>
+#include <cstring>
 
 namespace vshift {
 namespace {
@@ -11,7 +12,14 @@ namespace {
 // Within this of a pixel's centre the pixel itself is meant: rounding leaves no trace in an image that does not move.
 constexpr float snap_px = 1.0f / 1024;
 // V's pixel on the recorded image: up to the first width plain bilinear, never wider than the second.
-constexpr float plain_width_px = 1.1f, widest_px = 8;
+constexpr float plain_width_px = 1.5f, widest_px = 8;
+
+/// A pixel and the first channel of the next one, as a vector: not of an image's last pixel.
+inline glm::vec4 four(const glm::vec3* pixel) {
+    glm::vec4 out;
+    std::memcpy(&out, pixel, sizeof out);
+    return out;
+}
 
 }  // namespace
 
@@ -40,17 +48,6 @@ bool Sampler::is_edge(glm::vec2 source_px) const {
     return is_edge(place(source_px));
 }
 
-glm::vec3 Sampler::at(glm::vec2 source_px, glm::vec2 shifted_px) const {
-    return at(place(source_px), source_px, shifted_px);
-}
-
-bool Sampler::sample(glm::vec2 source_px, glm::vec2 shifted_px, EdgeBand edge, glm::vec3& color) const {
-    const Place there = place(source_px);
-    if (edge == EdgeBand::drop && is_edge(there)) return false;
-    color = at(there, source_px, shifted_px);
-    return true;
-}
-
 inline bool Sampler::is_edge(const Place& at) const {
     const size_t index = size_t(at.py) * size_t(image_.width) + size_t(at.px);
     const uint8_t* tears = &field_.tears.data[index];
@@ -64,13 +61,14 @@ inline bool Sampler::is_edge(const Place& at) const {
            (at.dy != 0 && mixed(at.px, at.py + (at.dy > 0 ? 1 : -1)));
 }
 
-inline glm::vec3 Sampler::at(const Place& at, glm::vec2 source_px, glm::vec2 shifted_px) const {
+[[gnu::always_inline]] inline glm::vec3 Sampler::at(const Place& at, glm::vec2 source_px, glm::vec2 shifted_px) const {
     const int width = image_.width;
     const int x0 = at.dx < 0 ? at.px - 1 : at.px, y0 = at.dy < 0 ? at.py - 1 : at.py;
     const size_t index = size_t(at.py) * size_t(width) + size_t(at.px);
     const float* w = &field_.w.data[index];
     const float own = *w;
-    const bool whole = x0 >= 0 && y0 >= 0 && x0 + 1 < width && y0 + 1 < image_.height && field_.whole(x0, y0);
+    const bool whole = x0 >= 0 && y0 >= 0 && x0 + 1 < width && y0 + 1 < image_.height &&
+                       (x0 + 2 < width || y0 + 2 < image_.height) && field_.whole(x0, y0);
     // How far V's pixel reaches on R: the inverse of d(V)/d(R) on the surface.
     if (own > 0) {
         float wx = 0, wy = 0;
@@ -99,9 +97,20 @@ inline glm::vec3 Sampler::at(const Place& at, glm::vec2 source_px, glm::vec2 shi
     if (!whole) return torn(at);
     const float fx = at.dx < 0 ? at.dx + 1 : at.dx, fy = at.dy < 0 ? at.dy + 1 : at.dy;
     const glm::vec3* row = &image_.data[size_t(y0) * size_t(width) + size_t(x0)];
-    const glm::vec3 upper = row[0] + fx * (row[1] - row[0]);
-    const glm::vec3 lower = row[width] + fx * (row[width + 1] - row[width]);
-    return upper + fy * (lower - upper);
+    const glm::vec4 upper = four(row) + fx * (four(row + 1) - four(row));
+    const glm::vec4 lower = four(row + width) + fx * (four(row + width + 1) - four(row + width));
+    return glm::vec3(upper + fy * (lower - upper));
+}
+
+glm::vec3 Sampler::at(glm::vec2 source_px, glm::vec2 shifted_px) const {
+    return at(place(source_px), source_px, shifted_px);
+}
+
+inline bool Sampler::sample(glm::vec2 source_px, glm::vec2 shifted_px, EdgeBand edge, glm::vec3& color) const {
+    const Place there = place(source_px);
+    if (edge == EdgeBand::drop && is_edge(there)) return false;
+    color = at(there, source_px, shifted_px);
+    return true;
 }
 
 /// Bilinear among the four pixels round the place, as far as they hang together with its own.
@@ -129,6 +138,18 @@ glm::vec3 Sampler::torn(const Place& at) const {
     return sum / weights;
 }
 
+/// Whether all pixels of a box lie in the image, before its last pixel, and on one surface, without a tear.
+inline bool Sampler::is_one_surface(int x0, int x1, int y0, int y1) const {
+    if (x1 >= image_.width || y1 >= image_.height || (x1 + 1 == image_.width && y1 + 1 == image_.height)) return false;
+    bool one = true;
+    for (int y = y0; y <= y1; ++y) {
+        const size_t row = size_t(y) * size_t(image_.width);
+        for (int x = x0; x <= x1; ++x)
+            one &= !field_.tears.data[row + size_t(x)] & (field_.w.data[row + size_t(x)] > 0);
+    }
+    return one;
+}
+
 /// A tent of half width max(1, reach) over what hangs together with the place's pixel: up and down its column, then to
 /// both sides, as far as no tear parts them.
 glm::vec3 Sampler::wide(const Place& at, glm::vec2 reach) const {
@@ -136,6 +157,29 @@ glm::vec3 Sampler::wide(const Place& at, glm::vec2 reach) const {
     const glm::vec2 g(float(px) + at.dx, float(py) + at.dy);
     const glm::vec2 half(std::clamp(reach.x, 1.0f, widest_px), std::clamp(reach.y, 1.0f, widest_px));
     glm::vec3 sum(0);
+    // Most often nothing is torn as far as it reaches (px and py are not negative, so truncation is floor).
+    const int x0 = int(std::max(g.x - half.x + 1, 0.0f)), x1 = int(g.x + half.x);
+    const int y0 = int(std::max(g.y - half.y + 1, 0.0f)), y1 = int(g.y + half.y);
+    if (is_one_surface(x0, x1, y0, y1)) {
+        constexpr int most = 2 * int(widest_px) + 2;
+        glm::vec4 whole(0);
+        float across[most];
+        float total_x = 0, total_y = 0;
+        const float step_x = 1 / half.x, step_y = 1 / half.y;
+        for (int x = x0; x <= x1; ++x) {
+            across[x - x0] = std::max(1 - std::fabs(float(x) - g.x) * step_x, 0.0f);
+            total_x += across[x - x0];
+        }
+        for (int y = y0; y <= y1; ++y) {
+            const float down = std::max(1 - std::fabs(float(y) - g.y) * step_y, 0.0f);
+            total_y += down;
+            const glm::vec3* pixel = &image_.data[size_t(y) * size_t(image_.width) + size_t(x0)];
+            glm::vec4 row(0);
+            for (int i = 0; i <= x1 - x0; ++i) row += across[i] * four(pixel + i);
+            whole += down * row;
+        }
+        return glm::vec3(whole * (1 / (total_x * total_y)));
+    }
     float weights = 0;
     const auto row = [&](int y) {
         const float wy = 1 - std::fabs(float(y) - g.y) / half.y;
@@ -172,15 +216,20 @@ void warp_from(int width, int height, const Grid<glm::vec2>& source_px, EdgeBand
     if (missing.width != width || missing.height != height) missing = Mask(width, height);
     tbb::parallel_for(0, height, [&](int y) {
         const size_t first = size_t(y) * size_t(width);
-        for (int x = 0; x < width; ++x) {
-            const size_t at = first + size_t(x);
-            const Sampler* sampler = source(at);
-            glm::vec3 found(0);
-            const bool sampled =
-                sampler &&
-                sampler->sample(source_px.data[at], glm::vec2(float(x) + 0.5f, float(y) + 0.5f), edge, found);
-            color.data[at] = found;
-            missing.data[at] = !sampled;
+        const glm::vec2* const from = &source_px.data[first];
+        glm::vec3* const to = &color.data[first];
+        constexpr int chunk = 64;
+        bool none[chunk];  // of its own type: a byte written to the mask could alias all that is read
+        for (int x0 = 0; x0 < width; x0 += chunk) {
+            const int x1 = std::min(x0 + chunk, width);
+            for (int x = x0; x < x1; ++x) {
+                const Sampler* sampler = source(first + size_t(x));
+                glm::vec3 found(0);
+                none[x - x0] = !(sampler && sampler->sample(from[x], glm::vec2(float(x) + 0.5f, float(y) + 0.5f), edge,
+                                                            found));
+                to[x] = found;
+            }
+            std::copy(none, none + (x1 - x0), &missing.data[first + size_t(x0)]);
         }
     });
 }

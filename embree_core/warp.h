@@ -35,6 +35,7 @@ private:
     glm::vec3 at(const Place& at, glm::vec2 source_px, glm::vec2 shifted_px) const;
     glm::vec3 torn(const Place& at) const;
     glm::vec3 wide(const Place& at, glm::vec2 reach) const;
+    bool is_one_surface(int x0, int x1, int y0, int y1) const;
     SurfaceField field_;
     const ColorImage& image_;
     float x_[4], y_[4], z_[4];

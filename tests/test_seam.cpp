@@ -358,6 +358,75 @@ TEST_CASE("nothing is pasted behind what the rig saw", "[seam]") {
     CHECK(pasted_without > 100);
 }
 
+TEST_CASE("what stands outside the own frame hides what the own camera saw", "[seam]") {
+    // A board 2 m before V, beside the own camera's frame: that saw the wall behind it, and the neighbour the board.
+    constexpr double board_m = 2;
+    World with_board = card_before_wall();
+    with_board.push_back(upright(board_m, 2, 0, 0.3, 0.3));
+    const View own = camera_at({0, 0, 0}), left = camera_at({0, 2.4, 0});
+    const ShiftedCamera v = moved_camera({own, {}, {}, {}}, {0, 2, 0});
+    const Paint paint = [](int primitive, const dvec3& p) {
+        return primitive == 2 ? glm::vec3(0.1f, 0.2f, 0.9f) : affine_paint(primitive, p);
+    };
+    const auto on_board = [&](const ShiftedCamera& camera, double depth_m, double centre_y_m, int x, int y) {
+        const dvec3 p = camera.world_from_cam.point(ray(camera.intrinsics, {x + 0.5, y + 0.5}) * depth_m);
+        return std::fabs(p.y - centre_y_m) < 0.29 && std::fabs(p.z) < 0.29;  // a pixel within its border
+    };
+    const Rig rig({shoot(with_board, own, paint), shoot(with_board, left, paint)}, v.world_from_cam.translation_m);
+    const ShiftedSeam got = seam_shifted(rig.cameras, 0, v, {});
+    size_t board = 0, own_behind = 0, wrong = 0;
+    for (int y = 0; y < 240; ++y)
+        for (int x = 0; x < 320; ++x) {
+            if (!on_board(v, board_m, 2, x, y)) continue;
+            ++board;
+            own_behind += !got.missing.at(x, y);
+            wrong += got.seam.source.at(x, y) != 1 ||
+                     worst_difference(got.seam.color.at(x, y), {0.1f, 0.2f, 0.9f}) > 1e-5;
+        }
+    INFO(board << " pixels of the board, the own camera saw " << own_behind << " behind it, " << wrong << " wrong");
+    CHECK(board > 5000);
+    CHECK(own_behind > 5000);
+    CHECK(wrong == 0);
+
+    // Above the floor nothing is lost, and nothing else is told.
+    Reprojection full;
+    REQUIRE(reproject(rig.surfaces[1], v, nullptr, full));
+    const Reprojection& some = got.neighbors[0];
+    size_t above = 0, differ = 0;
+    for (int y = 0; y < 240; ++y)
+        for (int x = 0; x < 320; ++x) {
+            const size_t at = size_t(y) * 320 + size_t(x);
+            const float floor = got.floor.data[at], q = full.inverse_depth.data[at];
+            const bool asked = q > floor || (floor == 0 && full.sight.data[at] != Sight::none);
+            above += asked && floor > 0;
+            if (!some.holds(x))
+                differ += asked;
+            else if (asked)
+                differ += some.inverse_depth.data[at] != q || some.sight.data[at] != full.sight.data[at] ||
+                          some.source_px.data[at] != full.source_px.data[at];
+            else if (floor > 0)
+                differ += some.inverse_depth.data[at] != 0 || some.sight.data[at] != Sight::none;
+        }
+    CHECK(above > 5000);
+    CHECK(differ == 0);
+
+    // A board that only the neighbour saw, gone when the own camera looked at that place: the own camera is believed.
+    World gone = card_before_wall();
+    gone.push_back(upright(5, 1.7, 0, 0.3, 0.3));
+    const Rig later({shoot(card_before_wall(), own, paint), shoot(gone, left, paint)},
+                    v.world_from_cam.translation_m);
+    const ShiftedSeam now = seam_shifted(later.cameras, 0, v, {});
+    size_t believed = 0, other = 0;
+    for (int y = 0; y < 240; ++y)
+        for (int x = 0; x < 320; ++x)
+            if (on_board(v, 5, 1.7, x, y) && !now.missing.at(x, y)) {
+                ++believed;
+                other += now.seam.source.at(x, y) != 0;
+            }
+    CHECK(believed > 500);
+    CHECK(other == 0);
+}
+
 TEST_CASE("training pairs: a neighbour's pixels in M are what was recorded", "[seam]") {
     const World world = card_before_wall();
     const View own = camera_at({0, 0, 0}), left = camera_at({0, 1.5, 0}), right = camera_at({0, -1.5, 0});
