@@ -172,21 +172,41 @@ Shift Manifest::shift_of(const std::string& item, const Shift& named) const {
     return moved;
 }
 
-bool Manifest::is_done(const std::string& item) const {
+std::string Manifest::made_from(const std::string& request, const std::vector<fs::path>& files) const {
+    std::string text = request;
+    for (const fs::path& file : files) {
+        std::error_code error;
+        const std::string name = fs::relative(file, folder_, error).generic_string();
+        const ordered_json& items = data_["items"];
+        text += " " + name + "=";
+        if (items.contains(name) && items[name].contains("sha256")) {
+            text += items[name].value("sha256", "").substr(0, 16);
+        } else {
+            text += std::to_string(fs::file_size(file, error)) + "@";
+            text += std::to_string(fs::last_write_time(file, error).time_since_epoch().count());
+        }
+    }
+    return text;
+}
+
+bool Manifest::is_done(const std::string& item, const std::string& made_from) const {
     const ordered_json& items = data_["items"];
     if (!items.contains(item) || items[item].value("status", "") != "done") return false;
+    if (!made_from.empty() && items[item].value("made_from", "") != made_from) return false;
     std::error_code error;
     const auto bytes = fs::file_size(folder_ / item, error);
     return !error && bytes == items[item].value("bytes", uint64_t(0)) &&
            sha256_of_file(folder_ / item) == items[item].value("sha256", "");
 }
 
-void Manifest::record_done(const std::string& item, const std::string& kind, double seconds) {
+void Manifest::record_done(const std::string& item, const std::string& kind, double seconds,
+                           const std::string& made_from) {
     ordered_json entry = {{"kind", kind},
                           {"status", "done"},
                           {"sha256", sha256_of_file(folder_ / item)},
                           {"bytes", uint64_t(fs::file_size(folder_ / item))},
                           {"seconds", std::round(seconds * 1000) / 1000}};
+    if (!made_from.empty()) entry["made_from"] = made_from;
     const SetLock lock(folder_);
     data_ = read_manifest(folder_ / "manifest.json");
     data_["items"][item] = std::move(entry);

@@ -34,9 +34,13 @@ public:
     /// Where a shifted view really stands: the shift as named, or nearer where the set moved it out of
     /// something (`moved_to`).
     Shift shift_of(const std::string& item, const Shift& named) const;
-    /// The file of the item is there and has the recorded hash.
-    bool is_done(const std::string& item) const;
-    void record_done(const std::string& item, const std::string& kind, double seconds);
+    /// The file of the item is there and has the recorded hash; and it was made from `made_from`, unless that is empty.
+    bool is_done(const std::string& item, const std::string& made_from = {}) const;
+    void record_done(const std::string& item, const std::string& kind, double seconds,
+                     const std::string& made_from = {});
+    /// What an item is made from: the words of the request, and each file's hash where it is an item itself, else its
+    /// size and time.
+    std::string made_from(const std::string& request, const std::vector<std::filesystem::path>& files) const;
     const nlohmann::ordered_json& data() const { return data_; }
     const std::filesystem::path& folder() const { return folder_; }
 

@@ -171,7 +171,13 @@ void run(const std::string& verb, const Options& options) {
                     if (manifest->is_refused(view)) continue;
                     request.shift = manifest->shift_of(view, shift.shift);
                 }
-                if (!item_folder.empty() && manifest->is_done((item_folder / item).string())) {
+                std::string made_from;
+                if (!item_folder.empty()) {
+                    std::string asked = canonical_text(request);
+                    for (const std::string& channel : options.channels) asked += "&channel=" + channel;
+                    made_from = manifest->made_from(asked, input_files(recipe, request));
+                }
+                if (!item_folder.empty() && manifest->is_done((item_folder / item).string(), made_from)) {
                     for (const auto& row : earlier)
                         if (row.is_object() && row.value("camera", ordered_json()) == camera &&
                             row.value("frame", ordered_json()) == frame &&
@@ -195,7 +201,7 @@ void run(const std::string& verb, const Options& options) {
                 if (!item_folder.empty())
                     manifest->record_done(
                         (item_folder / item).string(), verb,
-                        (a.times.read_ms + a.times.lift_ms + a.times.build_ms + a.times.cast_ms) / 1000);
+                        (a.times.read_ms + a.times.lift_ms + a.times.build_ms + a.times.cast_ms) / 1000, made_from);
             }
     progress.finish();
     if (!item_folder.empty()) {

@@ -191,6 +191,24 @@ class Sets(unittest.TestCase):
         self.assertEqual(run(EVERYTHING, b.folder), (0, "", ""))  # and it is made again
         self.assertEqual(run("check r.vshift", b.folder)[0], 0)
 
+    def test_another_request(self):
+        """What lies there from another request, or from other depth, is made again; the same is not."""
+        b = fresh()
+        b.manifest()
+        made = lambda: {f: f.stat().st_mtime_ns for f in sorted((b / "masks/self").rglob("*.exr"))}
+        self.assertEqual(run(EVERYTHING, b.folder), (0, "", ""))
+        first = made()
+        self.assertEqual(run(EVERYTHING, b.folder), (0, "", ""))
+        self.assertEqual(made(), first)
+        self.assertEqual(run(EVERYTHING + " --clear-m 1", b.folder), (0, "", ""))
+        second = made()
+        self.assertTrue(all(second[f] > first[f] for f in first), "an old answer was left")
+        depth = next(p for p in sorted(b.folder.rglob("*")) if p.is_file() and p.suffix in (".exr", ".npy", ".pfm")
+                     and "masks" not in p.parts)
+        os.utime(depth)
+        self.assertEqual(run(EVERYTHING + " --clear-m 1", b.folder), (0, "", ""))
+        self.assertNotEqual(made(), second)
+
     def test_odd_run_json(self):
         """A run.json of another making is no reason to fail a run: its rows are not ours."""
         b = fresh()
