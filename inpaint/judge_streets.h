@@ -20,8 +20,9 @@ struct JudgeOptions {
 };
 
 /// {"views": one row per street, camera, shift and number of steps, with sums over its disoccluded pixels;
-///  "pooled": per shift size and number of steps: PSNR of the classical fill and of the network over display values, the
-///  gradient energy of both as a share of the truth's, and ms per view}.
+///  "pooled": per shift size and number of steps: PSNR over display values of every classical fill and of the network, its
+///  gain over the best of them with a 95 % interval (bootstrap over streets, the best fill of each draw), the gradient
+///  energy of the background fill and of the network as a share of the truth's, and ms per view}.
 nlohmann::ordered_json judge_streets(const JudgeOptions& options, const std::function<void(size_t, size_t)>& show);
 
 /// "pooled" as lines for a terminal.

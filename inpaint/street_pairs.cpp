@@ -7,7 +7,6 @@
 #include "embree_core/fill.h"
 #include "embree_core/srgb.h"
 #include "embree_core/sweep.h"
-#include "embree_core/warp.h"
 #include "scenes/analytic/street_mesh.h"
 
 namespace vshift::inpaint {
@@ -16,11 +15,22 @@ namespace {
 constexpr int color_samples = 2;  // a side of a pixel
 constexpr float outside_weight = 0.1f;
 
-void put_display_values(const ColorImage& image, std::vector<float>& planes) {
-    const size_t n = image.size();
-    planes.resize(3 * n);
-    for (size_t i = 0; i < n; ++i)
-        for (int c = 0; c < 3; ++c) planes[size_t(c) * n + i] = float(srgb_from_linear(double(image.data[i][c])));
+/// The part of the planes at (x0, y0), mirrored if asked: `width` and `height` are at most theirs.
+PairPlanes part_of(const PairPlanes& p, int x0, int y0, int width, int height, bool mirrored) {
+    PairPlanes out;
+    out.width = width;
+    out.height = height;
+    for (auto plane : {&PairPlanes::target, &PairPlanes::fill, &PairPlanes::hole, &PairPlanes::neighbor,
+                       &PairPlanes::inverse_depth, &PairPlanes::weight}) {
+        const size_t whole = size_t(p.width) * size_t(p.height), channels = (p.*plane).size() / whole;
+        (out.*plane).reserve(channels * size_t(width) * size_t(height));
+        for (size_t c = 0; c < channels; ++c)
+            for (int y = y0; y < y0 + height; ++y) {
+                const float* row = (p.*plane).data() + c * whole + size_t(y) * size_t(p.width) + x0;
+                for (int x = 0; x < width; ++x) (out.*plane).push_back(row[mirrored ? width - 1 - x : x]);
+            }
+    }
+    return out;
 }
 
 size_t lost_pixels(const Grid<uint8_t>& classes, Mask& hole) {
@@ -38,12 +48,20 @@ vshift_inpaint_views PairPlanes::views() const {
             weight.empty() ? nullptr : weight.data()};
 }
 
+std::vector<float> display_planes(const ColorImage& image) {
+    const size_t n = image.size();
+    std::vector<float> planes(3 * n);
+    for (size_t i = 0; i < n; ++i)
+        for (int c = 0; c < 3; ++c) planes[size_t(c) * n + i] = float(srgb_from_linear(double(image.data[i][c])));
+    return planes;
+}
+
 PairPlanes planes_of(const ColorImage& color, const DepthMap& depth, const Mask& hole, const ColorImage* target) {
     PairPlanes p;
     p.width = color.width;
     p.height = color.height;
-    put_display_values(fill_background({color, hole, depth}), p.fill);
-    if (target) put_display_values(*target, p.target);
+    p.fill = display_planes(fill_background({color, hole, depth}));
+    if (target) p.target = display_planes(*target);
     const size_t n = color.size();
     p.hole.resize(n);
     p.neighbor.assign(n, 0);
@@ -74,7 +92,7 @@ RecordedViews record_streets(const std::vector<uint32_t>& seeds, int frames, int
     return out;
 }
 
-PairPlanes training_pair(const RecordedViews& recorded, uint64_t seed, uint64_t number) {
+PairPlanes training_pair(const RecordedViews& recorded, uint64_t seed, uint64_t number, int crop_px) {
     thread_local Sweeper sweeper;
     analytic::Stream random(uint32_t(seed * 7919 + number), uint32_t(number >> 20) + 17);
     for (;;) {
@@ -91,13 +109,21 @@ PairPlanes training_pair(const RecordedViews& recorded, uint64_t seed, uint64_t 
         if (lost_pixels(classes, hole) == hole.size()) continue;
         PairPlanes pair = planes_of(view.color, view.depth, hole, &view.color);
         pair.weight.resize(classes.size());
-        bool any = false;
+        std::vector<size_t> occluded_pixels;
         for (size_t i = 0; i < classes.size(); ++i) {
             const bool occluded = (classes.data[i] & (occluded_bit | outside_bit)) == occluded_bit;
             pair.weight[i] = occluded ? 1.0f : hole.data[i] ? outside_weight : 0.0f;
-            any |= occluded;
+            if (occluded) occluded_pixels.push_back(i);
         }
-        if (any) return pair;
+        if (occluded_pixels.empty()) continue;
+        if (crop_px == 0) return pair;
+        // Around an occluded pixel, not always in the middle.
+        const size_t at = occluded_pixels[size_t(random.whole(0, int(occluded_pixels.size()) - 1))];
+        const int width = std::min(crop_px, pair.width), height = std::min(crop_px, pair.height);
+        const int x = int(at % size_t(pair.width)) - random.whole(0, width - 1);
+        const int y = int(at / size_t(pair.width)) - random.whole(0, height - 1);
+        return part_of(pair, std::clamp(x, 0, pair.width - width), std::clamp(y, 0, pair.height - height), width, height,
+                       random.chance(0.5));
     }
 }
 
@@ -115,8 +141,9 @@ TrueShiftedView true_shifted_view(const analytic::StreetScene& street, const std
     const ShiftedHoles seen = holes({{surface.intrinsics, surface.world_from_cam, any ? &shown : nullptr}}, 0, v);
     const Sampler sampler(SurfaceField{surface.inverse_depth, surface.tears}, recorded,
                           projective_map(surface.intrinsics, surface.world_from_cam, v.intrinsics, v.world_from_cam));
-    const Warped warped = warp(seen, {sampler}, EdgeBand::drop);
-    return {planes_of(warped.color, seen.depth, warped.missing, &truth), seen.disoccluded};
+    Warped warped = warp(seen, {sampler}, EdgeBand::drop);
+    PairPlanes planes = planes_of(warped.color, seen.depth, warped.missing, &truth);
+    return {std::move(warped), seen.depth, std::move(planes), seen.disoccluded};
 }
 
 }  // namespace vshift::inpaint

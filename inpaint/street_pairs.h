@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "embree_core/types.h"
+#include "embree_core/warp.h"
 #include "inpaint/c_api.h"
 #include "scenes/analytic/analytic_street.h"
 
@@ -36,14 +37,19 @@ RecordedViews record_streets(const std::vector<uint32_t>& seeds, int frames, int
 
 /// Training pair `number` of a run: a view and a sideways shift of 0.5 to 4 m to either side (up to 1 m along) follow
 /// from seed and number. What is lost from there is the hole (method.md section 2). Views in which nothing is occluded are passed by. What
-/// is outside V's frame weighs a tenth: it is several times as much and can be guessed less.
-PairPlanes training_pair(const RecordedViews& recorded, uint64_t seed, uint64_t number);
+/// is outside V's frame weighs a tenth: it is several times as much and can be guessed less. With `crop_px`, a square of
+/// that side that holds an occluded pixel, every other one mirrored; 0: whole views.
+PairPlanes training_pair(const RecordedViews& recorded, uint64_t seed, uint64_t number, int crop_px = 0);
 
 /// A true shifted view: what the own camera saw, warped there; its holes; and the truth, rendered.
 struct TrueShiftedView {
+    Warped warped;
+    DepthMap depth;
     PairPlanes planes;
     Mask disoccluded;
 };
+/// 3 planes of display values, as PairPlanes has them.
+std::vector<float> display_planes(const ColorImage& image);
 TrueShiftedView true_shifted_view(const analytic::StreetScene& street, const std::vector<analytic::RigCamera>& rig, int own,
                                   int frame, const Shift& shift);
 

@@ -10,8 +10,10 @@
 #include "embree_core/answer.h"
 #include "embree_core/benchmark_set.h"
 #include "embree_core/cli/progress.h"
+#include "embree_core/cli/run_program.h"
 #include "embree_core/cli/verbs.h"
 #include "embree_core/fill.h"
+#include "inpaint/network_fill.h"
 
 namespace vshift::cli {
 namespace {
@@ -19,12 +21,25 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::ordered_json;
 
+constexpr const char* network_method = "network";
+
 struct Options {
-    std::string recipe, output, out_dir, json;
+    std::string recipe, output, out_dir, json, model;
     std::vector<std::string> methods = {"background"};
     std::vector<std::pair<std::string, std::string>> request;
+    int euler_steps = 1;
     bool seam = false, all_frames = false, all_shifts = false;
+
+    bool network() const { return std::count(methods.begin(), methods.end(), network_method) > 0; }
 };
+
+void check_method(const std::string& name) {
+    auto names = fill_method_names();
+    names.push_back(network_method);
+    if (!std::count(names.begin(), names.end(), name))
+        throw Error(ExitCode::bad_input, "usage: --method: got '" + name + "', expected background, pushpull, telea, ns or "
+                                             "network (nearest: " + nearest_word(name, names) + ")");
+}
 
 /// The seam's colors with the depth of the whole rig's warp, as a warp: what the seam has no color for is a hole, and
 /// where it alone has one the depth is not known.
@@ -101,10 +116,14 @@ public:
         pairs.emplace_back("out", "warp");
         base_ = resolve_request(recipe_, pairs);
         for (const std::string& method : options.methods) {
-            fill_method(method, "usage: --method");
+            check_method(method);
             if (std::count(options.methods.begin(), options.methods.end(), method) > 1)
                 throw Error(ExitCode::bad_input, "usage: --method: got " + method + " twice, expected it once");
         }
+        if (options.network() == options.model.empty())
+            throw Error(ExitCode::bad_input,
+                        options.network() ? "usage: --model: got none, expected the network's file (of vshift train)"
+                                          : "usage: --model: got " + options.model + " without --method network, expected both");
         many_ = !options.out_dir.empty();
         if (many_ == !options.output.empty())
             throw Error(ExitCode::bad_input, "usage: got " + std::string(many_ ? "both" : "neither") +
@@ -120,6 +139,7 @@ public:
                                                  ": file: got none, expected the set's list of shifts");
         if (many_ && manifest_) in_set_ = folder_in_set(options.out_dir, recipe_.folder());
         if (!in_set_.empty()) remove_stale_temporaries(recipe_.folder());
+        if (options.network()) network_ = std::make_unique<inpaint::NetworkFill>(options.model, options.euler_steps);
     }
 
     void all() {
@@ -173,8 +193,10 @@ private:
         const Warped warped(warp);
         for (const std::string& method : left) {
             const auto began = std::chrono::steady_clock::now();
-            const ColorImage color =
-                fill({warped.color, warped.hole, warped.depth}, fill_method(method, "usage: --method"));
+            const HoledView view{warped.color, warped.hole, warped.depth};
+            const ColorImage color = method == network_method
+                                         ? network_->next(view, shift.name + "/" + camera)
+                                         : fill(view, fill_method(method, "usage: --method"));
             const double fill_ms = ms_since(began);
             const fs::path file = many_ ? fs::path(options_.out_dir) / arm(method) / item : fs::path(options_.output);
             if (many_) make_folders(file.parent_path());
@@ -228,6 +250,7 @@ private:
     std::vector<std::string> cameras_;
     std::unique_ptr<Manifest> manifest_;
     fs::path in_set_;
+    std::unique_ptr<inpaint::NetworkFill> network_;
     bool many_ = false;
     ordered_json rows_ = ordered_json::array();
 };
@@ -239,10 +262,14 @@ void add_inpaint_verb(CLI::App& app) {
     auto options = std::make_shared<Options>();
     sub->add_option("recipe", options->recipe, "the .vshift recipe")->required();
     sub->add_option("--method", options->methods,
-                    "background (from the surface behind), pushpull (OpenImageIO), telea, ns (OpenCV); several with "
-                    "--out-dir")
+                    "background (from the surface behind), pushpull (OpenImageIO), telea, ns (OpenCV), network (a "
+                    "trained model); several with --out-dir")
         ->delimiter(',')
         ->capture_default_str();
+    sub->add_option("--model", options->model, "of --method network: a .safetensors file of vshift train");
+    sub->add_option("--euler-steps", options->euler_steps, "of --method network, where the model is a flow")
+        ->capture_default_str()
+        ->check(CLI::Range(1, 1000));
     const auto request_key = [&](const char* flags, const std::string& key, const char* help) {
         sub->add_option_function<std::string>(
             flags, [options, key](const std::string& text) { options->request.emplace_back(key, text); }, help);
@@ -260,7 +287,10 @@ void add_inpaint_verb(CLI::App& app) {
     sub->add_flag("--all-frames", options->all_frames, "every frame of the recipe");
     sub->add_flag("--all-shifts", options->all_shifts, "every shift of the set's manifest");
     sub->add_option("--json", options->json, "times as JSON; - is standard output");
-    sub->callback([options] { Run(*options).all(); });
+    sub->callback([options] {
+        if (options->network()) wait_without_spinning();
+        Run(*options).all();
+    });
 }
 
 }  // namespace vshift::cli

@@ -22,7 +22,7 @@ using nlohmann::ordered_json;
 
 struct Options {
     std::string output, streets = "1-12", judge, kind = "pixel_unet", config;
-    int frames = 2, width = 256, steps = 1000, batch = 8, accumulate = 1, threads = 0, checkpoint_every = 100;
+    int frames = 2, width = 256, crop = 0, steps = 1000, batch = 8, accumulate = 1, threads = 0, checkpoint_every = 100;
     std::vector<int> euler_steps{1};
     int64_t seed = 1;
     double learning_rate = 1e-4, ema = 0.999;
@@ -74,6 +74,7 @@ ordered_json model_config(const Options& o) {
 struct Run {
     const inpaint::RecordedViews& recorded;
     uint64_t seed;
+    int crop_px;
     Progress progress;
     inpaint::PairPlanes pair;
     std::string error;
@@ -81,7 +82,7 @@ struct Run {
     static int sample(void* user, uint64_t number, vshift_inpaint_views* out) {
         Run& run = *static_cast<Run*>(user);
         try {
-            run.pair = inpaint::training_pair(run.recorded, run.seed, number);
+            run.pair = inpaint::training_pair(run.recorded, run.seed, number, run.crop_px);
         } catch (const std::exception& e) {
             run.error = e.what();
             return 1;
@@ -126,8 +127,8 @@ void train(const Options& o, const std::vector<uint32_t>& seeds) {
         {"checkpoint_file", stem + ".checkpoint.safetensors"}, {"curve_file", stem + ".curve.csv"}, {"model_file", o.output},
         {"license", "Apache-2.0"},
         {"record", {{"data", "analytic streets, virtual shifts of 0.5 to 4 m of recorded views"}, {"streets", o.streets},
-                    {"frames", o.frames}, {"width", o.width}, {"views", recorded.views.size()}}}};
-    Run run{recorded, uint64_t(o.seed), Progress("train"), {}, {}};
+                    {"frames", o.frames}, {"width", o.width}, {"crop", o.crop}, {"views", recorded.views.size()}}}};
+    Run run{recorded, uint64_t(o.seed), o.crop, Progress("train"), {}, {}};
     const int code = library.train(options.dump().c_str(), Run::sample, Run::after_step, &run);
     run.progress.finish();
     if (!run.error.empty()) throw Error(ExitCode::bad_input, "train: " + run.error);
@@ -179,6 +180,7 @@ void add_train_verb(CLI::App& app) {
     sub->add_flag("--judge-only", o->judge_only, "the model is there: no training");
     sub->add_option("--frames", o->frames, "of each street")->capture_default_str()->check(CLI::Range(1, 81));
     sub->add_option("--width", o->width, "of the pictures, px")->capture_default_str()->check(CLI::Range(64, 1600));
+    sub->add_option("--crop", o->crop, "side of the squares that are trained on, px; 0: whole views")->check(CLI::Range(0, 1600));
     sub->add_option("--kind", o->kind, "pixel_unet or pixel_dit")->capture_default_str();
     sub->add_option("--config", o->config, "JSON file with further fields of the model's config");
     sub->add_flag("--flow", o->flow, "flow matching; else one-step regression");

@@ -84,7 +84,12 @@ class Train(unittest.TestCase):
         self.assertEqual((record["steps"], record["streets"]), (60, "1"))
         judged = json.loads((self.folder / "m.judge.json").read_text())
         self.assertEqual([r["shift_m"] for r in judged["pooled"]], [1.0, 2.0, 4.0])
-        self.assertTrue(all(5 < r["network_db"] < 40 for r in judged["pooled"]))
+        for r in judged["pooled"]:
+            self.assertTrue(5 < r["network_db"] < 40)
+            self.assertEqual(sorted(r["fills_db"]), ["background", "ns", "pushpull", "telea"])
+            self.assertEqual(r["fills_db"][r["best_fill"]], max(r["fills_db"].values()))
+            self.assertAlmostEqual(r["gain_db"], r["network_db"] - max(r["fills_db"].values()), 9)
+            self.assertIsNone(r["gain_db_95"])  # one street
 
     def test_goes_on_after_a_kill(self):
         straight = self.train("a.safetensors", steps=40, checkpoint_every=7, flow=True)
