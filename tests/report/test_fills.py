@@ -146,6 +146,16 @@ class Fills(unittest.TestCase):
         for part in ("table-regions", "table-consistency", "fill-slider"):
             self.assertIn(f'id="{part}"', page)
 
+    def test_report_of_one_frame(self):
+        one = self.folder / "one"  # nothing to compare over time
+        run(SCENES, "analytic_set", "--width", 64, "--frames", 1, "--samples", 1, "-o", one)
+        every = ("--camera", "*", "--all-frames", "--all-shifts")
+        run(VSHIFT, "inpaint", one / "set.vshift", *every, "--out-dir", one / "fills")
+        run(VSHIFT, "mask", one / "set.vshift", *every, "--out-dir", one / "masks/self")
+        run(VSHIFT, "score", one / "set.vshift")
+        run(VSHIFT, "report", one / "set.vshift", "-o", self.folder / "one.html")
+        self.assertIn('id="table-consistency"', (self.folder / "one.html").read_text())
+
 
 if __name__ == "__main__":
     unittest.main(verbosity=2)
