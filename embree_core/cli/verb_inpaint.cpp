@@ -171,6 +171,14 @@ private:
         return (options_.seam ? "seam-" : base_.from == Source::rig ? "rig-" : "self-") + method;
     }
 
+    /// What a fill in the set is made from, as the manifest records it.
+    std::string made_from(Request request, const std::string& method) const {
+        if (options_.seam) request.out = "seam";
+        std::vector<fs::path> files = input_files(recipe_, request);
+        if (method == network_method) files.push_back(options_.model);
+        return manifest_->made_from(canonical_text(request) + "&fill=" + method, files);
+    }
+
     void one(int frame, const NamedShift& shift, const std::string& camera) {
         Request request = base_;
         request.camera = camera;
@@ -184,7 +192,9 @@ private:
         }
         std::vector<std::string> left;
         for (const std::string& method : options_.methods)
-            if (in_set_.empty() || !manifest_->is_done((in_set_ / arm(method) / item).string())) left.push_back(method);
+            if (in_set_.empty() ||
+                !manifest_->is_done((in_set_ / arm(method) / item).string(), made_from(request, method)))
+                left.push_back(method);
         if (left.empty()) return;
         const auto start = std::chrono::steady_clock::now();
         const Channels warp =
@@ -214,7 +224,8 @@ private:
                              {"warp_ms", warp_ms},
                              {"fill_ms", fill_ms}});
             if (!in_set_.empty())
-                manifest_->record_done((in_set_ / arm(method) / item).string(), "fill", (warp_ms + fill_ms) / 1000);
+                manifest_->record_done((in_set_ / arm(method) / item).string(), "fill", (warp_ms + fill_ms) / 1000,
+                                       made_from(request, method));
         }
     }
 
