@@ -123,7 +123,8 @@ class TestBench(unittest.TestCase):
                             ("cost.png", b"\x89PNG")):
             self.assertTrue((self.out / name).read_bytes().startswith(start), name)
         self.assertEqual({p.name for p in self.out.iterdir()}, {"bench.json", "bench.csv", "speed_accuracy.svg", "speed_accuracy.png",
-                                                                "cost.svg", "cost.png"})
+                                                                "cost.svg", "cost.png", "tables.md", "differences.png"})
+        self.assertIn("| mono | mono |", (self.out / "tables.md").read_text())
         with (self.out / "bench.csv").open() as lines:
             table = list(csv.DictReader(lines))
         for row in table:
