@@ -8,6 +8,7 @@
 #include "embree_core/answer.h"
 #include "embree_core/benchmark_set.h"
 #include "embree_core/cli/progress.h"
+#include "embree_core/cli/request_options.h"
 #include "embree_core/cli/verbs.h"
 
 namespace vshift::cli {
@@ -18,7 +19,7 @@ using nlohmann::ordered_json;
 
 struct Options {
     std::string recipe, output, out_dir, json, csv;
-    std::vector<std::pair<std::string, std::string>> request;
+    RequestPairs request;
     std::vector<std::string> channels;
     bool all_frames = false, all_shifts = false;
 };
@@ -226,27 +227,20 @@ void add_answer_verbs(CLI::App& app) {
         auto options = std::make_shared<Options>();
         sub->add_option("recipe", options->recipe, "the .vshift recipe")->required();
         const auto request_key = [&](const char* flags, const std::string& key, const char* help) {
-            sub->add_option_function<std::string>(
-                flags, [options, key](const std::string& text) { options->request.emplace_back(key, text); }, help);
+            add_request_key(*sub, options->request, flags, key, help);
         };
-        request_key("--camera", "camera", "one camera's name; * or none: all of them");
-        request_key("--frame", "frame", "frame index");
-        request_key("--shift", "shift", "x,y,z in ego metres (x forward, y left, z up)");
-        request_key("--yaw_deg,--yaw-deg", "yaw_deg", "turn of the ego about its z axis, to the left");
-        request_key("--from", "from", "self or rig: whose depth maps are used");
+        add_view_keys(*sub, options->request, "self or rig: whose depth maps are used");
         request_key("--view", "view", "recorded or shifted");
-        request_key("--tolerance_px,--tolerance-px", "tolerance_px",
-                    "how far surfaces may move for fewer triangles, 0 to 4 px");
         request_key("--method", "method", "auto, sweep (masks from the own depth map), raster (views) or embree");
         request_key("--clear_m,--clear-m", "clear_m", "radius round the shifted camera that is taken as free");
         request_key("--depth_source,--depth-source", "depth_source",
                     "auto, exact, half, mm16, disparity8 or mono: what errors depth has");
-        const std::string word = name;
-        if (word == "mask") request_key("--certify", "certify", "1: channel `edge`, where a silhouette's sampling decides");
-        const bool seam = word == "seam" || word == "condition";
-        if (seam || word == "warp")
+        const std::string verb = name;
+        if (verb == "mask") request_key("--certify", "certify", "1: channel `edge`, where a silhouette's sampling decides");
+        const bool seam = verb == "seam" || verb == "condition";
+        if (seam || verb == "warp")
             request_key("--edge", "edge", "drop or keep: the far side's last half pixel at an edge, which mixes both");
-        if (word == "condition") {
+        if (verb == "condition") {
             request_key("--arm", "arm", "virtual_shift, or an ablation: double_warp, literal (recorded), splat (shifted)");
             request_key("--stride", "stride", "means over blocks of so many pixels, 1 to 256");
         }
@@ -279,7 +273,6 @@ void add_answer_verbs(CLI::App& app) {
         sub->add_flag("--all-shifts", options->all_shifts, "every shift of the set's manifest");
         sub->add_option("--json", options->json, "counts and times as JSON; - is standard output");
         sub->add_option("--csv", options->csv, "the same as CSV");
-        const std::string verb = name;
         sub->callback([options, verb] { run(verb, *options); });
     }
 }

@@ -10,6 +10,7 @@
 #include "embree_core/answer.h"
 #include "embree_core/benchmark_set.h"
 #include "embree_core/cli/progress.h"
+#include "embree_core/cli/request_options.h"
 #include "embree_core/cli/run_program.h"
 #include "embree_core/cli/verbs.h"
 #include "embree_core/fill.h"
@@ -26,7 +27,7 @@ constexpr const char* network_method = "network";
 struct Options {
     std::string recipe, output, out_dir, json, model;
     std::vector<std::string> methods = {"background"};
-    std::vector<std::pair<std::string, std::string>> request;
+    RequestPairs request;
     int euler_steps = 1;
     bool seam = false, all_frames = false, all_shifts = false;
 
@@ -281,17 +282,8 @@ void add_inpaint_verb(CLI::App& app) {
     sub->add_option("--euler-steps", options->euler_steps, "of --method network, where the model is a flow")
         ->capture_default_str()
         ->check(CLI::Range(1, 1000));
-    const auto request_key = [&](const char* flags, const std::string& key, const char* help) {
-        sub->add_option_function<std::string>(
-            flags, [options, key](const std::string& text) { options->request.emplace_back(key, text); }, help);
-    };
-    request_key("--camera", "camera", "one camera's name; * or none: all of them");
-    request_key("--frame", "frame", "frame index");
-    request_key("--shift", "shift", "x,y,z in ego metres (x forward, y left, z up)");
-    request_key("--yaw_deg,--yaw-deg", "yaw_deg", "turn of the ego about its z axis, to the left");
-    request_key("--from", "from", "self or rig: whose pictures fill what the own camera lacks, before the fill");
-    request_key("--tolerance_px,--tolerance-px", "tolerance_px",
-                "how far surfaces may move for fewer triangles, 0 to 4 px");
+    add_view_keys(*sub, options->request,
+                  "self or rig: whose pictures fill what the own camera lacks, before the fill");
     sub->add_flag("--seam", options->seam, "the seam's colors (vshift seam) instead of the warp's, before the fill");
     sub->add_option("-o,--output", options->output, "one image: .exr, .png, .pfm or .npy");
     sub->add_option("--out-dir", options->out_dir, "many images: DIR/ARM/SHIFT/FFFF/CAMERA.exr");
