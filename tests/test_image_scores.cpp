@@ -11,6 +11,7 @@
 #include "embree_core/temporal.h"
 #include "scenes/minimal/minimal.h"
 #include "tests/catch.h"
+#include "tests/image_support.h"
 
 using namespace vshift;
 
@@ -18,16 +19,6 @@ namespace {
 
 ColorImage constant(int width, int height, glm::vec3 value) {
     return {width, height, value};
-}
-
-ColorImage textured(int width, int height, uint32_t seed) {
-    ColorImage image(width, height);
-    for (auto& c : image.data)
-        for (int k = 0; k < 3; ++k) {
-            seed = seed * 1664525u + 1013904223u;
-            c[k] = float(seed >> 8) / float(1 << 24);
-        }
-    return image;
 }
 
 Grid<double> ramp(int width, int height, double per_x, double per_y) {

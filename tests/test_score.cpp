@@ -7,6 +7,7 @@
 
 #include "embree_core/score.h"
 #include "tests/catch.h"
+#include "tests/image_support.h"
 
 using namespace vshift;
 
@@ -17,16 +18,6 @@ Mask square(int width, int height, int x0, int y0, int side) {
     for (int y = y0; y < y0 + side; ++y)
         for (int x = x0; x < x0 + side; ++x) mask.at(x, y) = 1;
     return mask;
-}
-
-ColorImage textured(int width, int height, uint32_t seed) {
-    ColorImage image(width, height);
-    for (auto& c : image.data)
-        for (int k = 0; k < 3; ++k) {
-            seed = seed * 1664525u + 1013904223u;
-            c[k] = float(seed >> 8) / float(1 << 24);
-        }
-    return image;
 }
 
 ColorImage constant(int width, int height, float value) {
