@@ -2,6 +2,7 @@
 #include "inpaint/dit.h"
 
 #include <cmath>
+#include <limits>
 
 namespace vshift::inpaint {
 namespace {
@@ -40,17 +41,24 @@ Tensor rotate(const Tensor& x, const Tensor& cos, const Tensor& sin) {
     return at::stack({a * cos - b * sin, a * sin + b * cos}, -1).reshape(sizes);
 }
 
-Tensor attend(const Tensor& q, const Tensor& k, const Tensor& v) {
+/// `bias` is added to the scores: [queries, keys], or undefined.
+Tensor attend(const Tensor& q, const Tensor& k, const Tensor& v, const Tensor& bias = {}) {
 #if TORCH_VERSION_MAJOR >= 2
-    if (!q.device().is_cpu()) return at::scaled_dot_product_attention(q, k, v);
+    if (!q.device().is_cpu())
+        return at::scaled_dot_product_attention(q, k, v, bias.defined() ? std::optional<Tensor>(bias) : std::nullopt);
 #endif
     const double scale = 1 / std::sqrt(double(q.size(-1)));
     const Tensor kt = (k * scale).transpose(-2, -1);
+    const auto mixed = [&](const Tensor& part, int64_t first) {
+        Tensor scores = at::matmul(part, kt);
+        if (bias.defined()) scores = scores + bias.narrow(0, first, part.size(2));
+        return at::matmul(at::softmax(scores, -1), v);
+    };
     // Rows of the score matrix do not depend on each other: without derivatives a few at a time will do.
     constexpr int64_t rows = 1024;
-    if (q.requires_grad() || q.size(2) <= rows) return at::matmul(at::softmax(at::matmul(q, kt), -1), v);
+    if (q.requires_grad() || q.size(2) <= rows) return mixed(q, 0);
     std::vector<Tensor> parts;
-    for (const Tensor& part : q.split(rows, 2)) parts.push_back(at::matmul(at::softmax(at::matmul(part, kt), -1), v));
+    for (int64_t i = 0; i < q.size(2); i += rows) parts.push_back(mixed(q.narrow(2, i, std::min(rows, q.size(2) - i)), i));
     return at::cat(parts, 2);
 }
 
@@ -74,6 +82,7 @@ public:
         const Tensor angles = rotary_angles(c_.dim / c_.heads, before, grid.frames, grid.rows, grid.columns, device);
         cos_ = at::cos(angles).to(at::kFloat);
         sin_ = at::sin(angles).to(at::kFloat);
+        if (c_.reach > 0) bias_ = far_tokens(device);
         if (options.cache && options.cache->keys.empty()) {
             options.cache->keys.resize(size_t(c_.layers));
             options.cache->values.resize(size_t(c_.layers));
@@ -102,9 +111,11 @@ private:
         const Tensor q = rotate(split_heads(normed(name, "q", x), c_.heads), cos_, sin_);
         Tensor k = rotate(split_heads(normed(name, "k", x), c_.heads), cos_, sin_);
         Tensor v = split_heads(linear(w_, name + ".v", x), c_.heads);
-        if (options_.window == 0) return linear(w_, name + ".o", join_heads(attend(q, k, v)));
-
         const int64_t n = grid_.per_frame();
+        const auto bias = [&](int64_t queries, int64_t keys) { return bias_.defined() ? bias_.repeat({queries, keys}) : bias_; };
+        if (options_.window == 0)
+            return linear(w_, name + ".o", join_heads(attend(q, k, v, bias(grid_.frames, grid_.frames))));
+
         int64_t past = 0;  // frames that come before this call's in k and v
         DitCache* cache = options_.cache;
         if (cache && cache->keys[size_t(layer)].defined()) {
@@ -117,7 +128,7 @@ private:
         for (int64_t f = 0; f < grid_.frames; ++f) {
             const int64_t end = past + f + 1, begin = std::max<int64_t>(0, end - options_.window);
             parts.push_back(attend(q.narrow(2, f * n, n), k.narrow(2, begin * n, (end - begin) * n),
-                                   v.narrow(2, begin * n, (end - begin) * n)));
+                                   v.narrow(2, begin * n, (end - begin) * n), bias(1, end - begin)));
         }
         if (cache && options_.commit) {
             const int64_t total = past + grid_.frames, keep = std::min(options_.window - 1, total);
@@ -125,6 +136,18 @@ private:
             cache->values[size_t(layer)] = v.narrow(2, (total - keep) * n, keep * n).clone();
         }
         return linear(w_, name + ".o", join_heads(at::cat(parts, 2)));
+    }
+
+    /// -inf where one of a frame's tokens is out of another's reach, else 0: [tokens, tokens].
+    Tensor far_tokens(at::Device device) const {
+        const auto options = at::TensorOptions().dtype(at::kFloat).device(device);
+        const auto far = [&](int64_t n) {
+            const Tensor i = at::arange(n, options);
+            return (i.unsqueeze(1) - i.unsqueeze(0)).abs() >= double(c_.reach);
+        };
+        const int64_t h = grid_.rows, w = grid_.columns;
+        const Tensor either = at::logical_or(far(h).view({h, 1, h, 1}), far(w).view({1, w, 1, w})).reshape({h * w, h * w});
+        return at::zeros({h * w, h * w}, options).masked_fill(either, -std::numeric_limits<double>::infinity());
     }
 
     Tensor cross_attention(const std::string& name, const Tensor& x, const Tensor& text) {
@@ -140,6 +163,7 @@ private:
     const DitOptions& options_;
     Grid3 grid_;
     Tensor cos_, sin_;
+    Tensor bias_;  ///< of one frame's tokens on each other; undefined: none
 };
 
 void require(bool holds, const std::string& field, const std::string& got, const std::string& expected) {

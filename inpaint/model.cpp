@@ -11,6 +11,7 @@ namespace vshift::inpaint {
 namespace {
 
 constexpr std::array<const char*, 3> kind_names{"pixel_unet", "pixel_dit", "latent_dit"};
+constexpr double least_time = 1e-3, early_time = 0.25;  // of models that give z0
 constexpr double near_m = 8;  // 1/z is seen in eighths of a metre
 
 bool in_pixels(const ModelConfig& c) {
@@ -79,6 +80,7 @@ ModelConfig parse_model_config(const std::string& text, const std::string& file)
         else if (key == "depth") c.depth = truth();
         else if (key == "window") c.window = int64_t(number(0, 1024));
         else if (key == "time_shift") c.time_shift = number(0.1, 100);
+        else if (key == "gives_data") c.gives_data = truth();
         else if (key == "residual_scale") c.residual_scale = number(0.01, 100);
         else if (key == "unet") c.unet = parse_unet_config(value, field);
         else if (key == "dit") c.dit = parse_dit_config(value, field);
@@ -96,6 +98,7 @@ std::string json_of(const ModelConfig& c) {
                                 {"depth", c.depth},
                                 {"window", c.window},
                                 {"time_shift", c.time_shift},
+                                {"gives_data", c.gives_data},
                                 {"residual_scale", c.residual_scale}};
     if (c.kind == Kind::pixel_unet)
         j["unet"] = json_of(c.unet);
@@ -211,9 +214,11 @@ Example prepare(const Model& model, const Views& v, VaeState* target_state, VaeS
 
 Tensor velocity(const Model& model, const Weights& weights, const Tensor& z, const Tensor& t, const Tensor& condition,
                 const DitOptions& options) {
+    const ModelConfig& c = model.config;
     const Tensor x = at::cat({z, condition}, 1);
-    if (model.config.kind == Kind::pixel_unet) return unet_forward(model.config.unet, weights, x, t * 1000);
-    return dit_forward({model.config.dit, weights}, x, (t * 1000).unsqueeze(1), {}, options);
+    const Tensor made = c.kind == Kind::pixel_unet ? unet_forward(c.unet, weights, x, t * 1000)
+                                                   : dit_forward({c.dit, weights}, x, (t * 1000).unsqueeze(1), {}, options);
+    return c.gives_data ? (z - made) / t.clamp_min(least_time).view({-1, 1, 1, 1, 1}) : made;
 }
 
 Tensor loss_of(const Model& model, const Weights& weights, const Example& e, const Tensor& noise, const Tensor& time) {
@@ -224,7 +229,8 @@ Tensor loss_of(const Model& model, const Weights& weights, const Example& e, con
     DitOptions options;
     options.window = c.window;
     const Tensor z = flow_point(e.z0, z1, t.view({-1, 1, 1, 1, 1}));
-    const Tensor error = (velocity(model, weights, z, t, e.condition, options) - flow_velocity(e.z0, z1)).pow(2).mean(1, true);
+    Tensor error = (velocity(model, weights, z, t, e.condition, options) - flow_velocity(e.z0, z1)).pow(2).mean(1, true);
+    if (c.gives_data) error = error * (t / early_time).clamp_max(1).pow(2).view({-1, 1, 1, 1, 1});
     // Every sample counts the same, however much of it may change: so small batches add up to the large one.
     const Tensor sums = (error * e.weight).sum({1, 2, 3, 4}) / e.weight.sum({1, 2, 3, 4}).clamp_min(1e-6);
     return sums.mean();

@@ -22,6 +22,7 @@ struct ModelConfig {
     bool depth = true;       ///< 1/z is seen
     int64_t window = 0;      ///< frames that attention looks at; 0: all of them, no streaming
     double time_shift = 1;   ///< Wan's, in training and sampling
+    bool gives_data = false; ///< the network's output is z0, from which v = (z_t - z0) / t follows; else v itself
     double residual_scale = 4;
     UnetConfig unet;
     DitConfig dit;
@@ -74,6 +75,7 @@ Tensor velocity(const Model& model, const Weights& weights, const Tensor& z, con
                 const DitOptions& options = {});
 
 /// The mean over samples of the weighted squared error of v; `z1` noise, `t` in 0..1 ([B]). Regression ignores both.
+/// Where the network gives z0, v's error grows without bound towards t = 0: below t = 1/4 it counts as that at 1/4.
 Tensor loss_of(const Model& model, const Weights& weights, const Example& example, const Tensor& z1, const Tensor& t);
 
 /// A stream of frames: what the next piece needs of the past. Memory does not grow.

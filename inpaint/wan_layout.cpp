@@ -145,6 +145,7 @@ DitConfig parse_dit_config(const json& object, const std::string& where) {
     f.whole("freq_dim", c.freq_dim, 2, 4096);
     f.whole("text_dim", c.text_dim, 0, 16384);
     f.whole("text_len", c.text_len, 1, 4096);
+    f.whole("reach", c.reach, 0, 4096);
     if (const json* p = f.list("patch", 3, 3))
         for (size_t i = 0; i < 3; ++i) c.patch[i] = f.whole((*p)[i], "patch", 1, 64);
     if (const json* e = f.take("eps")) {
@@ -217,7 +218,7 @@ ordered_json json_of(const DitConfig& c) {
     return {{"in_channels", c.in_channels}, {"out_channels", c.out_channels}, {"dim", c.dim},
             {"ffn_dim", c.ffn_dim},         {"layers", c.layers},             {"heads", c.heads},
             {"freq_dim", c.freq_dim},       {"text_dim", c.text_dim},         {"text_len", c.text_len},
-            {"patch", c.patch},             {"eps", c.eps}};
+            {"patch", c.patch},             {"reach", c.reach},               {"eps", c.eps}};
 }
 
 ordered_json json_of(const VaeConfig& c) {

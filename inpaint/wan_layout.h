@@ -24,6 +24,7 @@ struct DitConfig {
     int64_t text_dim = 4096;             ///< 0: no text, and then no cross-attention
     int64_t text_len = 512;              ///< the text is padded with zeros to this length
     std::array<int64_t, 3> patch{1, 2, 2};  ///< frames, rows, columns of latents in a token
+    int64_t reach = 0;  ///< a token attends to those fewer than this many rows and columns away; 0: to all, as Wan2.2
     double eps = 1e-6;
 };
 
