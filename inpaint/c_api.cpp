@@ -74,7 +74,7 @@ Views views_of(const vshift_inpaint_views& v, bool training) {
 struct TrainRequest {
     ModelConfig model;
     TrainOptions train;
-    std::string model_file, curve_file, license, record;
+    std::string model_file, curve_file, license, record, autoencoder_file;
 };
 
 TrainRequest parse_request(const char* text) {
@@ -111,6 +111,7 @@ TrainRequest parse_request(const char* text) {
         else if (key == "checkpoint_file") r.train.checkpoint_file = word();
         else if (key == "model_file") r.model_file = word();
         else if (key == "curve_file") r.curve_file = word();
+        else if (key == "autoencoder_file") r.autoencoder_file = word();
         else if (key == "license") r.license = word();
         else if (key == "record") r.record = value.dump();
         else refuse("a known option");
@@ -156,7 +157,8 @@ int vshift_inpaint_train(const char* options_json, vshift_inpaint_sample sample,
     return guarded([&] {
         require(options_json && sample, "train");
         const TrainRequest r = parse_request(options_json);
-        Model model = initial_model(r.model, r.train.seed);
+        Model model = r.autoencoder_file.empty() ? initial_model(r.model, r.train.seed)
+                                                 : initial_model(r.model, r.train.seed, r.autoencoder_file);
         const uint64_t frozen = hash_of(model.vae.weights);
         bool stopped = false;
         TrainHooks hooks;
@@ -185,6 +187,14 @@ int vshift_inpaint_train(const char* options_json, vshift_inpaint_sample sample,
         record["seconds_of_last_run"] = seconds;
         record["last_loss"] = state.curve.back()[1];
         record["made_with"] = vshift_inpaint_version();
+        if (model.config.kind == Kind::autoencoder) {
+            std::vector<Views> checks;
+            for (uint64_t i = 0; i < 24; ++i) checks.push_back(hooks.views(VSHIFT_INPAINT_CHECKS + i));
+            const Reconstruction back = reconstruction_of(model, state.average, checks);
+            model.config.vae.mean = back.mean;
+            model.config.vae.std = back.std;
+            record["reconstruction_db"] = back.psnr_db;
+        }
         model.metadata["training"] = record.dump();
         if (!r.license.empty()) model.metadata["license"] = r.license;
         if (!r.model_file.empty()) save_model(r.model_file, model, state.average);
@@ -196,6 +206,8 @@ int vshift_inpaint_model_open(const char* file, vshift_inpaint_model** out) {
         require(file && out, "model");
         auto model = std::make_unique<vshift_inpaint_model>();
         model->model = load_model(file);
+        if (model->model.config.kind == Kind::autoencoder)
+            throw Error(ExitCode::bad_input, std::string(file) + ": kind: got autoencoder, expected a model that fills");
         model->config = json_of(model->model.config);
         *out = model.release();
     });

@@ -2,8 +2,9 @@
 #include "inpaint/judge_streets.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
+#include <ctime>
+#include <filesystem>
 #include <map>
 #include <memory>
 #include <random>
@@ -11,6 +12,7 @@
 #include "embree_core/fill.h"
 #include "inpaint/network_library.h"
 #include "inpaint/street_pairs.h"
+#include "inpaint/texture.h"
 
 namespace vshift::inpaint {
 namespace {
@@ -19,6 +21,11 @@ using nlohmann::ordered_json;
 
 struct Sums {
     double error = 0, gradient = 0;
+
+    void add(const Sums& s) {
+        error += s.error;
+        gradient += s.gradient;
+    }
 };
 
 /// Over the mask's pixels: squared error against `truth`, and squared differences to the right and lower neighbours.
@@ -41,136 +48,233 @@ Sums sums_of(const std::vector<float>& image, const std::vector<float>& truth, c
 }
 
 double psnr_db(double error, double pixels) {
-    return -10 * std::log10(std::max(error / pixels, 1e-12));
+    return pixels > 0 ? -10 * std::log10(std::max(error / pixels, 1e-12)) : std::nan("");
 }
 
-/// Over views: squared errors of every classical fill in the order of fill_method_names(), and of the network.
-struct Errors {
-    double pixels = 0, network = 0;
-    std::vector<double> fills = std::vector<double>(fill_method_names().size());
+double cpu_ms() {
+    timespec t{};
+    ::clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+    return double(t.tv_sec) * 1e3 + double(t.tv_nsec) * 1e-6;
+}
 
-    void add(const Errors& e) {
-        pixels += e.pixels;
-        network += e.network;
-        for (size_t i = 0; i < fills.size(); ++i) fills[i] += e.fills[i];
+/// Over views of a street: one way to fill them.
+struct Filled {
+    Sums disoccluded;
+    double outside_error = 0, ms = 0, least_ms = 1e300;
+    TextureMoments texture;
+
+    void add(const Filled& f) {
+        disoccluded.add(f.disoccluded);
+        outside_error += f.outside_error;
+        ms += f.ms;
+        least_ms = std::min(least_ms, f.least_ms);
+        texture.add(f.texture);
     }
-    size_t best_fill() const { return size_t(std::min_element(fills.begin(), fills.end()) - fills.begin()); }
-    double gain_db() const { return psnr_db(network, pixels) - psnr_db(fills[best_fill()], pixels); }
 };
 
+/// Over views of a street, or of many: the truth and every way.
 struct Pool {
-    double ms = 0, views = 0;
-    Sums fill, network, truth;
-    std::map<uint32_t, Errors> streets;
+    double views = 0, pixels = 0, outside_pixels = 0, truth_gradient = 0;
+    TextureMoments truth_texture;
+    std::vector<Filled> ways;
 
-    Errors errors() const {
-        Errors all;
-        for (const auto& [seed, e] : streets) all.add(e);
-        return all;
+    void add(const Pool& p) {
+        ways.resize(p.ways.size());
+        views += p.views;
+        pixels += p.pixels;
+        outside_pixels += p.outside_pixels;
+        truth_gradient += p.truth_gradient;
+        truth_texture.add(p.truth_texture);
+        for (size_t i = 0; i < ways.size(); ++i) ways[i].add(p.ways[i]);
     }
+    double db(size_t way) const { return psnr_db(ways[way].disoccluded.error, pixels); }
+    double gradient_share(size_t way) const { return ways[way].disoccluded.gradient / truth_gradient; }
+    double distance(size_t way) const { return texture_distance(ways[way].texture, truth_texture); }
+    size_t best_fill() const {
+        size_t best = 0;
+        for (size_t i = 1; i < fill_method_names().size(); ++i)
+            if (db(i) > db(best)) best = i;
+        return best;
+    }
+    double gain_db(size_t way) const { return db(way) - db(best_fill()); }
 };
 
-/// 95 % interval of the gain over the best fill of each draw: streets drawn with replacement. None for one street.
-ordered_json gain_interval(const Pool& pool) {
-    std::vector<const Errors*> streets;
-    for (const auto& [seed, e] : pool.streets) streets.push_back(&e);
-    if (streets.size() < 2) return nullptr;
+/// A shift size's streets, apart.
+using Streets = std::map<uint32_t, Pool>;
+
+Pool sum_of(const Streets& streets) {
+    Pool all;
+    for (const auto& [seed, p] : streets) all.add(p);
+    return all;
+}
+
+/// 95 % intervals of what `figures` gives: streets drawn with replacement. Null for one street.
+ordered_json intervals(const Streets& streets, int rounds, const std::function<std::vector<double>(const Pool&)>& figures) {
+    std::vector<const Pool*> all;
+    for (const auto& [seed, p] : streets) all.push_back(&p);
     std::mt19937 random(1);
-    std::vector<double> gains;
-    for (int round = 0; round < 2000; ++round) {
-        Errors drawn;
-        for (size_t i = 0; i < streets.size(); ++i) drawn.add(*streets[size_t((uint64_t(random()) * streets.size()) >> 32)]);
-        gains.push_back(drawn.gain_db());
+    std::vector<std::vector<double>> drawn;
+    for (int round = 0; round < rounds && all.size() > 1; ++round) {
+        Pool pool;
+        for (size_t i = 0; i < all.size(); ++i) pool.add(*all[size_t((uint64_t(random()) * all.size()) >> 32)]);
+        const std::vector<double> values = figures(pool);
+        drawn.resize(values.size());
+        for (size_t i = 0; i < values.size(); ++i) drawn[i].push_back(values[i]);
     }
-    std::sort(gains.begin(), gains.end());
-    return {gains[50], gains[1949]};
+    ordered_json out = ordered_json::array();
+    for (auto& values : drawn) {
+        std::sort(values.begin(), values.end());
+        const auto at = [&](double share) { return values[size_t(share * double(values.size() - 1) + 0.5)]; };
+        out.push_back({at(0.025), at(0.975)});
+    }
+    return out;
+}
+
+struct Way {
+    std::string name;  ///< a fill's, "seam+background", or "MODEL" or "MODEL, N steps"
+    size_t model = 0;  ///< of networks
+    int steps = 0;     ///< 0: no network
+    bool seam = false;
+};
+
+using OpenModel = std::unique_ptr<vshift_inpaint_model, decltype(&vshift_inpaint_model_free)>;
+
+std::vector<Way> ways_of(const JudgeOptions& o, const std::vector<OpenModel>& models) {
+    std::vector<Way> ways;
+    for (const std::string& name : fill_method_names()) ways.push_back({name, 0, 0, false});
+    std::vector<Way> networks;
+    bool seam = false;
+    for (size_t m = 0; m < models.size(); ++m) {
+        const auto config = nlohmann::json::parse(network_library().model_config(models[m].get()));
+        const bool neighbors = config.value("neighbors", false), flow = config.value("flow", false);
+        const std::string name = std::filesystem::path(o.model_files[m]).stem().string();
+        seam = seam || neighbors;
+        for (const int steps : flow ? o.steps : std::vector<int>{1})
+            networks.push_back({name + (flow ? ", " + std::to_string(steps) + (steps == 1 ? " step" : " steps") : ""), m, steps, neighbors});
+    }
+    if (seam) ways.push_back({"seam+background", 0, 0, true});
+    ways.insert(ways.end(), networks.begin(), networks.end());
+    return ways;
+}
+
+std::vector<float> filled_by(const Way& way, const TrueShiftedView& v, vshift_inpaint_model* model, uint64_t noise_seed) {
+    if (!way.steps && way.seam) return v.seam_planes.fill;
+    if (!way.steps)
+        return display_planes(fill({v.warped.color, v.warped.missing, v.depth}, fill_method(way.name, "judge")));
+    vshift_inpaint_stream* begun = nullptr;
+    check(network_library().stream_open(model, way.steps, noise_seed, &begun));
+    const std::unique_ptr<vshift_inpaint_stream, decltype(network_library().stream_free)> stream(begun, network_library().stream_free);
+    std::vector<float> color(v.planes.fill.size());
+    const vshift_inpaint_views given = (way.seam ? v.seam_planes : v.planes).views();
+    check(network_library().stream_next(stream.get(), &given, color.data()));
+    return color;
+}
+
+double count_of(const Mask& mask) {
+    double count = 0;
+    for (const uint8_t m : mask.data) count += m != 0;
+    return count;
 }
 
 }  // namespace
 
 ordered_json judge_streets(const JudgeOptions& o, const std::function<void(size_t, size_t)>& show) {
-    const NetworkLibrary& library = network_library();
-    vshift_inpaint_model* opened = nullptr;
-    check(library.model_open(o.model_file.c_str(), &opened));
-    const std::unique_ptr<vshift_inpaint_model, decltype(library.model_free)> model(opened, library.model_free);
+    std::vector<OpenModel> models;
+    for (const std::string& file : o.model_files) {
+        vshift_inpaint_model* opened = nullptr;
+        check(network_library().model_open(file.c_str(), &opened));
+        models.emplace_back(opened, network_library().model_free);
+    }
+    const std::vector<Way> ways = ways_of(o, models);
+    const bool seam = std::any_of(ways.begin(), ways.end(), [](const Way& w) { return w.seam; });
 
-    const auto rig = analytic::six_camera_rig(o.width, o.width * 9 / 16);
     ordered_json views = ordered_json::array();
-    std::map<std::pair<int, double>, Pool> pools;
-    const size_t total = o.seeds.size() * o.shifts_m.size() * rig.size();
+    std::map<double, Streets> pools;  // by shift size; 0: all
+    const size_t cameras = analytic::six_camera_rig().size(), total = o.seeds.size() * o.shifts_m.size() * cameras;
     size_t done = 0;
     for (const uint32_t seed : o.seeds) {
         const analytic::StreetScene street = analytic::build_street(seed);
+        const RecordedViews recorded = record_frame(street, o.frame, o.width);
         for (const double shift_m : o.shifts_m)
-            for (size_t own = 0; own < rig.size(); ++own) {
+            for (size_t own = 0; own < cameras; ++own) {
                 show(done++, total);
                 Shift shift;
                 shift.translation_m = {0, shift_m, 0};
-                const TrueShiftedView v = true_shifted_view(street, rig, int(own), o.frame, shift);
-                double pixels = 0;
-                for (const uint8_t d : v.disoccluded.data) pixels += d != 0;
-                if (pixels == 0) continue;
-                const Sums truth = sums_of(v.planes.target, v.planes.target, v.disoccluded);
-                const Sums background = sums_of(v.planes.fill, v.planes.target, v.disoccluded);
-                Errors errors;
-                errors.pixels = pixels;
-                ordered_json fill_errors;
-                for (size_t m = 0; m < errors.fills.size(); ++m) {
-                    const ColorImage filled = fill({v.warped.color, v.warped.missing, v.depth}, FillMethod(m));
-                    errors.fills[m] = sums_of(display_planes(filled), v.planes.target, v.disoccluded).error;
-                    fill_errors[fill_method_names()[m]] = errors.fills[m];
+                const TrueShiftedView v = true_shifted_view(street, recorded, own, o.frame, shift, seam);
+                const std::vector<float>& truth = v.planes.target;
+                Pool pool;
+                pool.views = 1;
+                pool.pixels = count_of(v.disoccluded);
+                pool.outside_pixels = count_of(v.outside);
+                if (pool.pixels == 0) continue;
+                pool.truth_gradient = sums_of(truth, truth, v.disoccluded).gradient;
+                pool.truth_texture = texture_moments(truth, v.disoccluded);
+                for (const Way& way : ways) {
+                    Filled f;
+                    const double start = cpu_ms();
+                    const std::vector<float> color = filled_by(way, v, models[way.model].get(), o.noise_seed);
+                    f.ms = f.least_ms = cpu_ms() - start;
+                    f.disoccluded = sums_of(color, truth, v.disoccluded);
+                    f.outside_error = sums_of(color, truth, v.outside).error;
+                    f.texture = texture_moments(color, v.disoccluded);
+                    views.push_back({{"seed", seed}, {"camera", recorded.views[own].camera.name}, {"shift_m", shift_m},
+                                     {"way", way.name}, {"disoccluded_px", pool.pixels}, {"error", f.disoccluded.error},
+                                     {"gradient", f.disoccluded.gradient}, {"truth_gradient", pool.truth_gradient},
+                                     {"outside_px", pool.outside_pixels}, {"outside_error", f.outside_error}, {"cpu_ms", f.ms}});
+                    pool.ways.push_back(std::move(f));
                 }
-                for (const int steps : o.steps) {
-                    vshift_inpaint_stream* begun = nullptr;
-                    check(library.stream_open(model.get(), steps, o.noise_seed, &begun));
-                    const std::unique_ptr<vshift_inpaint_stream, decltype(library.stream_free)> stream(begun, library.stream_free);
-                    std::vector<float> color(v.planes.fill.size());
-                    const vshift_inpaint_views given = v.planes.views();
-                    const auto start = std::chrono::steady_clock::now();
-                    check(library.stream_next(stream.get(), &given, color.data()));
-                    const double ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
-                    const Sums made = sums_of(color, v.planes.target, v.disoccluded);
-                    views.push_back({{"seed", seed}, {"camera", rig[own].name}, {"shift_m", shift_m}, {"steps", steps},
-                                     {"disoccluded_px", pixels}, {"fill_errors", fill_errors}, {"network_error", made.error},
-                                     {"fill_gradient", background.gradient}, {"network_gradient", made.gradient},
-                                     {"truth_gradient", truth.gradient}, {"ms", ms}});
-                    Pool& p = pools[{steps, std::abs(shift_m)}];
-                    p.ms += ms;
-                    p.views += 1;
-                    errors.network = made.error;
-                    p.streets[seed].add(errors);
-                    p.fill.gradient += background.gradient;
-                    p.network.gradient += made.gradient;
-                    p.truth.gradient += truth.gradient;
-                }
+                for (const double size : {std::abs(shift_m), 0.0}) pools[size][seed].add(pool);
             }
     }
-    ordered_json pooled = ordered_json::array();
-    for (const auto& [key, p] : pools) {
-        const Errors e = p.errors();
-        ordered_json fills_db;
-        for (size_t m = 0; m < e.fills.size(); ++m) fills_db[fill_method_names()[m]] = psnr_db(e.fills[m], e.pixels);
-        pooled.push_back({{"steps", key.first}, {"shift_m", key.second}, {"views", p.views}, {"disoccluded_px", e.pixels},
-                          {"fills_db", fills_db}, {"best_fill", fill_method_names()[e.best_fill()]},
-                          {"network_db", psnr_db(e.network, e.pixels)}, {"gain_db", e.gain_db()}, {"gain_db_95", gain_interval(p)},
-                          {"fill_gradient_share", p.fill.gradient / p.truth.gradient},
-                          {"network_gradient_share", p.network.gradient / p.truth.gradient}, {"ms", p.ms / p.views}});
+
+    ordered_json rows = ordered_json::array();
+    for (const auto& [size, streets] : pools) {
+        const Pool all = sum_of(streets);
+        const ordered_json gains = intervals(streets, 2000, [&](const Pool& p) {
+            std::vector<double> figures;
+            for (size_t w = 0; w < ways.size(); ++w) figures.push_back(p.gain_db(w));
+            for (size_t w = 0; w < ways.size(); ++w) figures.push_back(p.db(w));
+            for (size_t w = 0; w < ways.size(); ++w) figures.push_back(psnr_db(p.ways[w].outside_error, p.outside_pixels));
+            for (size_t w = 0; w < ways.size(); ++w) figures.push_back(p.gradient_share(w));
+            return figures;
+        });
+        const ordered_json distances = intervals(streets, 200, [&](const Pool& p) {
+            std::vector<double> figures;
+            for (size_t w = 0; w < ways.size(); ++w) figures.push_back(p.distance(w));
+            return figures;
+        });
+        const auto interval = [&](const ordered_json& of, size_t kind, size_t way) {
+            return of.empty() ? ordered_json(nullptr) : of[kind * ways.size() + way];
+        };
+        for (size_t w = 0; w < ways.size(); ++w) {
+            const Filled& f = all.ways[w];
+            rows.push_back({{"shift_m", size}, {"way", ways[w].name}, {"steps", ways[w].steps}, {"views", all.views},
+                            {"disoccluded_px", all.pixels}, {"best_fill", fill_method_names()[all.best_fill()]},
+                            {"psnr_db", all.db(w)}, {"psnr_db_95", interval(gains, 1, w)}, {"gain_db", all.gain_db(w)},
+                            {"gain_db_95", interval(gains, 0, w)}, {"outside_db", psnr_db(f.outside_error, all.outside_pixels)},
+                            {"outside_db_95", interval(gains, 2, w)}, {"gradient_share", all.gradient_share(w)},
+                            {"gradient_share_95", interval(gains, 3, w)}, {"texture_distance", all.distance(w)},
+                            {"texture_distance_95", interval(distances, 0, w)}, {"patches", f.texture.count},
+                            {"cpu_ms", f.ms / all.views}, {"least_cpu_ms", f.least_ms}});
+        }
     }
-    return {{"model", o.model_file}, {"width", o.width}, {"views", views}, {"pooled", pooled}};
+    return {{"models", o.model_files}, {"width", o.width}, {"views", views}, {"ways", rows}};
 }
 
 std::string judge_table(const ordered_json& result) {
-    std::string text = "steps  shift_m  best fill    fill_db  network_db  gain_db        95 %        gradient(background)  gradient(network)  ms\n";
-    char line[200];
-    for (const auto& r : result["pooled"]) {
-        const std::string best = r["best_fill"];
+    std::string text = "shift_m  way                             psnr_db   gain_db        95 %        outside_db  gradient  texture  cpu_ms\n";
+    char line[240];
+    for (const auto& r : result["ways"]) {
         char interval[40] = "";
         if (const auto& i = r["gain_db_95"]; i.is_array())
             std::snprintf(interval, sizeof interval, "%+.2f to %+.2f", i[0].get<double>(), i[1].get<double>());
-        std::snprintf(line, sizeof line, "%5d  %7g  %-10s  %8.2f  %10.2f  %+7.2f  %16s  %20.2f  %17.2f  %.0f\n", r["steps"].get<int>(),
-                      r["shift_m"].get<double>(), best.c_str(), r["fills_db"][best].get<double>(), r["network_db"].get<double>(),
-                      r["gain_db"].get<double>(), interval, r["fill_gradient_share"].get<double>(),
-                      r["network_gradient_share"].get<double>(), r["ms"].get<double>());
+        const double shift = r["shift_m"];
+        char shown[16] = "all";
+        if (shift > 0) std::snprintf(shown, sizeof shown, "%g", shift);
+        const auto number = [&](const char* field) { return r[field].is_number() ? r[field].get<double>() : std::nan(""); };
+        std::snprintf(line, sizeof line, "%7s  %-30s  %7.2f  %+8.2f  %16s  %10.2f  %8.2f  %7.3f  %6.1f\n", shown,
+                      r["way"].get_ref<const std::string&>().c_str(), number("psnr_db"), number("gain_db"), interval,
+                      number("outside_db"), number("gradient_share"), number("texture_distance"), number("cpu_ms"));
         text += line;
     }
     return text;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Role: a model against truth in the disocclusions of true shifted views of analytic streets. Stage: inpaint, score.
+// Role: models against truth in the disocclusions of true shifted views of analytic streets. Stage: inpaint, score.
 #pragma once
 #include <cstdint>
 #include <functional>
@@ -10,8 +10,8 @@
 namespace vshift::inpaint {
 
 struct JudgeOptions {
-    std::string model_file;
-    std::vector<uint32_t> seeds;  ///< streets that no training saw
+    std::vector<std::string> model_files;  ///< the first is the one in question
+    std::vector<uint32_t> seeds;           ///< streets that no training saw
     std::vector<double> shifts_m{-4, -2, -1, 1, 2, 4};  ///< to the left
     int width = 256;
     int frame = 20;
@@ -19,13 +19,15 @@ struct JudgeOptions {
     uint64_t noise_seed = 1;
 };
 
-/// {"views": one row per street, camera, shift and number of steps, with sums over its disoccluded pixels;
-///  "pooled": per shift size and number of steps: PSNR over display values of every classical fill and of the network, its
-///  gain over the best of them with a 95 % interval (bootstrap over streets, the best fill of each draw), the gradient
-///  energy of the background fill and of the network as a share of the truth's, and ms per view}.
+/// {"views": one row per street, camera, shift and way to fill, with sums over its disoccluded pixels;
+///  "ways": a row per shift size (0: all of them) and way: a classical fill, or a model's name (and steps, of flow). PSNR
+///  over display values in the disocclusions, its gain over the best classical fill, PSNR in what is outside the recorded
+///  frame, gradient energy as a share of the truth's, texture distance (texture.h), and CPU ms of a view: mean and least}.
+/// Models that were trained with neighbours see them; "seam+background" is such a view with the rest filled as "background" does.
+/// Intervals are 95 %, by bootstrap over streets (gain: over the best fill of each draw).
 nlohmann::ordered_json judge_streets(const JudgeOptions& options, const std::function<void(size_t, size_t)>& show);
 
-/// "pooled" as lines for a terminal.
+/// "ways" as lines for a terminal.
 std::string judge_table(const nlohmann::ordered_json& result);
 
 }  // namespace vshift::inpaint

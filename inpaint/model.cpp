@@ -10,12 +10,13 @@
 namespace vshift::inpaint {
 namespace {
 
-constexpr std::array<const char*, 3> kind_names{"pixel_unet", "pixel_dit", "latent_dit"};
+constexpr std::array<const char*, 4> kind_names{"pixel_unet", "pixel_dit", "latent_dit", "autoencoder"};
+constexpr double spread_weight = 1e-4;  // of the latents' distance from the normal distribution, beside the squared error
 constexpr double least_time = 1e-3, early_time = 0.25;  // of models that give z0
 constexpr double near_m = 8;  // 1/z is seen in eighths of a metre
 
 bool in_pixels(const ModelConfig& c) {
-    return c.kind != Kind::latent_dit;
+    return c.kind == Kind::pixel_unet || c.kind == Kind::pixel_dit;
 }
 
 /// What follows from the rest: channels in and out.
@@ -27,7 +28,12 @@ void set_channels(ModelConfig& c) {
 }
 
 Layout network_layout(const ModelConfig& c) {
+    if (c.kind == Kind::autoencoder) return vae_layout(c.vae);
     return c.kind == Kind::pixel_unet ? unet_layout(c.unet) : dit_layout(c.dit);
+}
+
+const char* trained_prefix(const ModelConfig& c) {
+    return c.kind == Kind::autoencoder ? "vae." : "network.";
 }
 
 [[noreturn]] void refuse(const std::string& where, const std::string& got, const std::string& expected) {
@@ -73,11 +79,12 @@ ModelConfig parse_model_config(const std::string& text, const std::string& file)
         };
         if (key == "kind") {
             const auto at = std::find_if(kind_names.begin(), kind_names.end(), [&](const char* n) { return value == n; });
-            if (at == kind_names.end()) refuse(field, value.dump().substr(0, 40), "pixel_unet, pixel_dit or latent_dit");
+            if (at == kind_names.end()) refuse(field, value.dump().substr(0, 40), "pixel_unet, pixel_dit, latent_dit or autoencoder");
             c.kind = Kind(at - kind_names.begin());
         } else if (key == "flow") c.flow = truth();
         else if (key == "masks") c.masks = truth();
         else if (key == "depth") c.depth = truth();
+        else if (key == "neighbors") c.neighbors = truth();
         else if (key == "window") c.window = int64_t(number(0, 1024));
         else if (key == "time_shift") c.time_shift = number(0.1, 100);
         else if (key == "gives_data") c.gives_data = truth();
@@ -96,13 +103,14 @@ std::string json_of(const ModelConfig& c) {
                                 {"flow", c.flow},
                                 {"masks", c.masks},
                                 {"depth", c.depth},
+                                {"neighbors", c.neighbors},
                                 {"window", c.window},
                                 {"time_shift", c.time_shift},
                                 {"gives_data", c.gives_data},
                                 {"residual_scale", c.residual_scale}};
     if (c.kind == Kind::pixel_unet)
         j["unet"] = json_of(c.unet);
-    else
+    else if (c.kind != Kind::autoencoder)
         j["dit"] = json_of(c.dit);
     if (!in_pixels(c)) j["vae"] = json_of(c.vae);
     return j.dump();
@@ -112,12 +120,26 @@ Model initial_model(const ModelConfig& config, uint64_t seed) {
     Model m;
     m.config = config;
     set_channels(m.config);
-    m.weights = config.kind == Kind::pixel_unet ? initial_weights(unet_layout(m.config.unet), seed, unet_begins_at_zero)
-                                                : initial_dit(m.config.dit, seed);
-    if (!in_pixels(config)) {
-        m.vae.config = config.vae;
-        m.vae.weights = initial_weights(vae_layout(config.vae), seed + 1, [](const std::string&) { return false; });
-    }
+    if (!in_pixels(config)) m.vae.config = config.vae;
+    if (config.kind == Kind::autoencoder)
+        m.weights = initial_vae(config.vae, seed);
+    else
+        m.weights = config.kind == Kind::pixel_unet ? initial_weights(unet_layout(m.config.unet), seed, unet_begins_at_zero)
+                                                    : initial_dit(m.config.dit, seed);
+    if (config.kind == Kind::latent_dit) m.vae.weights = initial_vae(config.vae, seed + 1);
+    return m;
+}
+
+Model initial_model(const ModelConfig& config, uint64_t seed, const std::filesystem::path& file) {
+    const Model trained = load_model(file);
+    if (trained.config.kind != Kind::autoencoder || config.kind != Kind::latent_dit)
+        refuse(file.string() + ": kind", kind_names[size_t(trained.config.kind)], "an autoencoder, for a latent_dit");
+    ModelConfig with = config;
+    with.vae = trained.config.vae;
+    Model m = initial_model(with, seed);
+    m.vae.weights = trained.weights;
+    const auto record = trained.metadata.find("training");
+    if (record != trained.metadata.end()) m.metadata["autoencoder_training"] = record->second;
     return m;
 }
 
@@ -138,11 +160,9 @@ Model load_model(const std::filesystem::path& path) {
             to[name] = tensor_of(*t);
         }
     };
-    take("network.", network_layout(m.config), m.weights);
-    if (!in_pixels(m.config)) {
-        m.vae.config = m.config.vae;
-        take("vae.", vae_layout(m.config.vae), m.vae.weights);
-    }
+    take(trained_prefix(m.config), network_layout(m.config), m.weights);
+    if (!in_pixels(m.config)) m.vae.config = m.config.vae;
+    if (m.config.kind == Kind::latent_dit) take("vae.", vae_layout(m.config.vae), m.vae.weights);
     if (files.tensors().size() != m.weights.size() + m.vae.weights.size())
         refuse(files.file() + ": tensors", std::to_string(files.tensors().size()),
                std::to_string(m.weights.size() + m.vae.weights.size()) + " of the config");
@@ -158,7 +178,7 @@ void save_model(const std::filesystem::path& file, const Model& model, const Wei
             stored.push_back(stored_of(prefix + name, kept.back()));
         }
     };
-    add("network.", weights);
+    add(trained_prefix(model.config), weights);
     add("vae.", model.vae.weights);
     auto metadata = model.metadata;
     metadata["config"] = json_of(model.config);
@@ -167,6 +187,7 @@ void save_model(const std::filesystem::path& file, const Model& model, const Wei
 
 int64_t model_side(const ModelConfig& c) {
     if (c.kind == Kind::pixel_unet) return unet_side(c.unet);
+    if (c.kind == Kind::autoencoder) return vae_side(c.vae);
     const int64_t patch = std::max(c.dit.patch[1], c.dit.patch[2]);
     return in_pixels(c) ? patch : patch * vae_side(c.vae);
 }
@@ -186,6 +207,11 @@ Views padded(const ModelConfig& config, const Views& views) {
 Example prepare(const Model& model, const Views& v, VaeState* target_state, VaeState* condition_state) {
     const ModelConfig& c = model.config;
     Example e;
+    if (c.kind == Kind::autoencoder) {
+        e.z0 = v.target * 2 - 1;
+        e.condition = e.may_change = e.weight = at::ones_like(v.hole);
+        return e;
+    }
     std::vector<Tensor> seen;
     Tensor hole = v.hole, neighbor = v.neighbor, near = (v.inverse_depth * near_m).clamp(0, 2) - 1;
     e.may_change = at::maximum(hole, neighbor);
@@ -218,18 +244,73 @@ Tensor velocity(const Model& model, const Weights& weights, const Tensor& z, con
     const Tensor x = at::cat({z, condition}, 1);
     const Tensor made = c.kind == Kind::pixel_unet ? unet_forward(c.unet, weights, x, t * 1000)
                                                    : dit_forward({c.dit, weights}, x, (t * 1000).unsqueeze(1), {}, options);
-    return c.gives_data ? (z - made) / t.clamp_min(least_time).view({-1, 1, 1, 1, 1}) : made;
+    if (!c.gives_data) return made;
+    const Tensor z0 = in_pixels(c) ? made : made + condition.narrow(1, 0, c.vae.z_dim);
+    return (z - z0) / t.clamp_min(least_time).view({-1, 1, 1, 1, 1});
+}
+
+namespace {
+
+/// Where nothing may change: 0 in pixels (the fill), the condition's latent in latents. In pixels by share, as z0 is.
+Tensor held(const ModelConfig& c, const Example& e, const Tensor& z) {
+    if (in_pixels(c)) return z * e.may_change;
+    return at::where(e.may_change > 0, z, e.condition.narrow(1, 0, c.vae.z_dim));
+}
+
+/// Squared error of what comes back from latents moved by their own spread, and how far they are from normal ones.
+Tensor autoencoder_loss(const ModelConfig& c, const Weights& weights, const Example& e, const Tensor& noise) {
+    VaeState encoding, decoding;
+    const std::vector<Tensor> moments = vae_moments({c.vae, weights}, e.z0, encoding).chunk(2, 1);
+    const Tensor &mean = moments[0], spread = moments[1].clamp(-30, 20);
+    const Tensor back = vae_decode_raw({c.vae, weights}, mean + (spread / 2).exp() * noise, decoding);
+    const Tensor from_normal = (mean.pow(2) + spread.exp() - 1 - spread).mean() / 2;
+    return (back - e.z0).pow(2).mean() + spread_weight * from_normal;
+}
+
+}  // namespace
+
+std::vector<int64_t> noise_sizes(const Model& model, const Example& e) {
+    std::vector<int64_t> sizes = e.z0.sizes().vec();
+    sizes[0] = 1;
+    if (model.config.kind != Kind::autoencoder) return sizes;
+    const int64_t side = vae_side(model.config.vae), frames = vae_frames(model.config.vae);
+    return {1, model.config.vae.z_dim, 1 + (sizes[2] - 1) / frames, sizes[3] / side, sizes[4] / side};
+}
+
+Reconstruction reconstruction_of(const Model& model, const Weights& weights, const std::vector<Views>& views) {
+    at::NoGradGuard no_grad;
+    Reconstruction r;
+    std::vector<Tensor> latents;
+    double error = 0, count = 0;
+    for (const Views& v : views) {
+        const Tensor target = padded(model.config, v).target * 2 - 1;
+        VaeState encoding, decoding;
+        const Tensor mean = vae_moments({model.config.vae, weights}, target, encoding).narrow(1, 0, model.config.vae.z_dim);
+        const Tensor back = vae_decode_raw({model.config.vae, weights}, mean, decoding).clamp(-1, 1);
+        error += ((back - target) / 2).pow(2).sum().item<double>();
+        count += double(target.numel());
+        latents.push_back(mean.transpose(0, 1).flatten(1));
+    }
+    r.psnr_db = -10 * std::log10(error / count);
+    const Tensor all = at::cat(latents, 1);
+    for (int64_t z = 0; z < all.size(0); ++z) {
+        r.mean.push_back(all[z].mean().item<float>());
+        r.std.push_back(std::max(all[z].std().item<float>(), 1e-3f));
+    }
+    return r;
 }
 
 Tensor loss_of(const Model& model, const Weights& weights, const Example& e, const Tensor& noise, const Tensor& time) {
     const ModelConfig& c = model.config;
+    if (c.kind == Kind::autoencoder) return autoencoder_loss(c, weights, e, noise);
     const Tensor t = c.flow ? time : at::ones({e.z0.size(0)}, e.z0.options());
     Tensor z1 = c.flow ? noise : at::zeros_like(e.z0);
-    if (in_pixels(c)) z1 = z1 * e.may_change;  // what is known is not noise
+    const Tensor z0 = held(c, e, e.z0);
+    z1 = held(c, e, z1);
     DitOptions options;
     options.window = c.window;
-    const Tensor z = flow_point(e.z0, z1, t.view({-1, 1, 1, 1, 1}));
-    Tensor error = (velocity(model, weights, z, t, e.condition, options) - flow_velocity(e.z0, z1)).pow(2).mean(1, true);
+    const Tensor z = flow_point(z0, z1, t.view({-1, 1, 1, 1, 1}));
+    Tensor error = (velocity(model, weights, z, t, e.condition, options) - flow_velocity(z0, z1)).pow(2).mean(1, true);
     if (c.gives_data) error = error * (t / early_time).clamp_max(1).pow(2).view({-1, 1, 1, 1, 1});
     // Every sample counts the same, however much of it may change: so small batches add up to the large one.
     const Tensor sums = (error * e.weight).sum({1, 2, 3, 4}) / e.weight.sum({1, 2, 3, 4}).clamp_min(1e-6);
@@ -258,12 +339,13 @@ Tensor inpaint(const Model& model, const Views& input, int steps, uint64_t seed,
         parts.push_back(c.flow ? noise(size, seed, uint64_t(stream.frames + f)) : at::zeros(size));
     }
     Tensor z1 = at::cat(parts, 2).to(e.condition.device());
-    if (in_pixels(c)) z1 = z1 * e.may_change;
+    z1 = held(c, e, z1);
+    const Tensor open = (e.may_change > 0).to(z1.scalar_type());
     const Tensor z0 = euler(z1, times, [&](const Tensor& z, double t, int step) {
         DitOptions options;
         options.window = c.window;
         if (c.window > 0) options.cache = &stream.caches[size_t(step)];
-        return velocity(model, model.weights, z, at::full({z.size(0)}, t, z.options()), e.condition, options);
+        return open * velocity(model, model.weights, z, at::full({z.size(0)}, t, z.options()), e.condition, options);
     });
     stream.frames += frames;
 

@@ -4,7 +4,8 @@
 // In pixels the network predicts (target - fill) * residual_scale where pixels may change and sees the fill, the masks
 // and 1/z; its output begins at zero, that is at the fill. In latents it predicts the target's latent and sees the
 // condition's (and the masks as shares of a latent's area), as the paper says. Either comes as one step (regression:
-// the velocity at t = 1 from z1 = 0) or as flow matching. Pixels that may not change come back bit for bit.
+// the velocity at t = 1 from z1 = 0) or as flow matching. What may not change is neither noise nor moved: known latents
+// stay the condition's, known pixels come back bit for bit. An autoencoder is trained first and alone; it fills nothing.
 #pragma once
 #include "inpaint/dit.h"
 #include "inpaint/flow.h"
@@ -13,16 +14,18 @@
 
 namespace vshift::inpaint {
 
-enum class Kind { pixel_unet, pixel_dit, latent_dit };
+enum class Kind { pixel_unet, pixel_dit, latent_dit, autoencoder };
 
 struct ModelConfig {
     Kind kind = Kind::pixel_unet;
     bool flow = false;       ///< else regression
     bool masks = true;       ///< hole and neighbour channels are seen
     bool depth = true;       ///< 1/z is seen
+    bool neighbors = false;  ///< trained on conditions that have neighbours' pixels
     int64_t window = 0;      ///< frames that attention looks at; 0: all of them, no streaming
     double time_shift = 1;   ///< Wan's, in training and sampling
-    bool gives_data = false; ///< the network's output is z0, from which v = (z_t - z0) / t follows; else v itself
+    /// The network's output is z0 (in latents: less the condition's), from which v = (z_t - z0) / t follows; else v itself.
+    bool gives_data = false;
     double residual_scale = 4;
     UnetConfig unet;
     DitConfig dit;
@@ -35,11 +38,13 @@ std::string json_of(const ModelConfig& config);
 struct Model {
     ModelConfig config;
     Weights weights;                              ///< what training changes
-    Vae vae;                                      ///< latent kinds: frozen
+    Vae vae;                                      ///< latent kinds: frozen; of an autoencoder only the config
     std::map<std::string, std::string> metadata;  ///< license, training record
 };
 
 Model initial_model(const ModelConfig& config, uint64_t seed);
+/// A latent model with the autoencoder of `file`.
+Model initial_model(const ModelConfig& config, uint64_t seed, const std::filesystem::path& file);
 /// Config, license and training record lie in the file's metadata; throws Error bad_input for what does not fit.
 Model load_model(const std::filesystem::path& file);
 void save_model(const std::filesystem::path& file, const Model& model, const Weights& weights);
@@ -89,6 +94,17 @@ struct Stream {
 /// seed and the frame's number, so that a stream in any pieces gives the same pictures. Models without a window take a
 /// stream's frames piece by piece, each for itself.
 Tensor inpaint(const Model& model, const Views& views, int steps, uint64_t seed, Stream& stream);
+
+/// What `noise` an example needs: a sample's z1, or what moves an autoencoder's latents.
+std::vector<int64_t> noise_sizes(const Model& model, const Example& example);
+
+/// How an autoencoder gives back views' targets: PSNR; and its latents' mean and standard deviation by channel, as a
+/// model's config has them.
+struct Reconstruction {
+    double psnr_db = 0;
+    std::vector<float> mean, std;
+};
+Reconstruction reconstruction_of(const Model& model, const Weights& weights, const std::vector<Views>& views);
 
 /// Standard normal numbers that depend on seed and number alone.
 Tensor noise(at::IntArrayRef sizes, uint64_t seed, uint64_t number);

@@ -3,7 +3,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
+#include <limits>
 
+#include "embree_core/condition.h"
 #include "embree_core/fill.h"
 #include "embree_core/srgb.h"
 #include "embree_core/sweep.h"
@@ -40,6 +43,110 @@ size_t lost_pixels(const Grid<uint8_t>& classes, Mask& hole) {
     return count;
 }
 
+/// In the frame of the ego: its pose does not matter.
+ShiftedCamera shifted_camera(const RecordedViews::View& view, const Shift& shift) {
+    return {view.camera.intrinsics, shifted_ego_from_cam(view.camera.ego_from_cam, shift)};
+}
+
+/// The rig that a view belongs to, as the seam takes it.
+struct RigSurfaces {
+    std::vector<SurfaceView> surfaces;
+    std::vector<SeamCamera> cameras;
+
+    RigSurfaces(const RecordedViews& recorded, size_t view, const glm::dvec3& towards_m) {
+        const size_t first = view - view % recorded.rig_size;
+        for (size_t i = first; i < first + recorded.rig_size; ++i) {
+            const auto& [color, depth, camera] = recorded.views[i];
+            surfaces.push_back(surface_view(camera.intrinsics, camera.ego_from_cam, depth, towards_m));
+        }
+        for (size_t i = 0; i < surfaces.size(); ++i)
+            cameras.push_back({recorded.views[first + i].camera.name, &surfaces[i], &recorded.views[first + i].color, nullptr,
+                               glm::vec3(1), nullptr});
+    }
+};
+
+Sampler sampler_of(const SurfaceView& surface, const ColorImage& color, const ShiftedCamera& v) {
+    return Sampler(SurfaceField{surface.inverse_depth, surface.tears}, color,
+                   projective_map(surface.intrinsics, surface.world_from_cam, v.intrinsics, v.world_from_cam));
+}
+
+struct Sources {
+    Mask hole, neighbor;
+};
+Sources sources_of(const Seam& seam, int own) {
+    Sources s{Mask(seam.color.width, seam.color.height), Mask(seam.color.width, seam.color.height)};
+    for (size_t i = 0; i < seam.source.size(); ++i) {
+        s.hole.data[i] = seam.source.data[i] < 0;
+        s.neighbor.data[i] = seam.source.data[i] >= 0 && seam.source.data[i] != own;
+    }
+    return s;
+}
+
+/// In R: what V loses is the hole, or the neighbours' pixels.
+PairPlanes recorded_pair(const RecordedViews& recorded, size_t chosen, const Shift& shift, Arm arm) {
+    thread_local Sweeper sweeper;
+    const RecordedViews::View& view = recorded.views[chosen];
+    const ShiftedCamera v = shifted_camera(view, shift);
+    SweepCamera camera;
+    camera.recorded = camera.shifted = view.camera.intrinsics;
+    camera.recorded_from_shifted = compose(inverse(view.camera.ego_from_cam), v.world_from_cam);
+    Grid<uint8_t> classes;
+    sweeper.classes(camera, view.depth, classes);
+    Mask lost;
+    if (lost_pixels(classes, lost) == lost.size()) return {};
+    PairPlanes pair;
+    if (!has_neighbors(arm)) {
+        pair = planes_of(view.color, view.depth, lost, &view.color);
+    } else {
+        const int own = int(chosen % recorded.rig_size);
+        ColorImage color = view.color;
+        if (arm == Arm::double_warp) {
+            const SurfaceView surface = surface_view(view.camera.intrinsics, view.camera.ego_from_cam, view.depth,
+                                                     v.world_from_cam.translation_m);
+            Reprojection shown;
+            if (!reproject(surface, v, nullptr, shown)) return {};
+            warp_twice(surface, v, warp(shown, sampler_of(surface, view.color, v), EdgeBand::drop), shown,
+                       same_surface_share, color, lost);
+        }
+        RigSurfaces rig(recorded, chosen, view.camera.ego_from_cam.translation_m);
+        rig.cameras[size_t(own)].image = &color;
+        const Seam seam = seam_recorded(rig.cameras, own, lost, {});
+        const Sources from = sources_of(seam, own);
+        // As in a shifted view, where a neighbour gives a color the depth is not known.
+        DepthMap depth = view.depth;
+        for (size_t i = 0; i < depth.size(); ++i)
+            if (from.neighbor.data[i]) depth.data[i] = std::numeric_limits<float>::quiet_NaN();
+        pair = planes_of(seam.color, depth, from.hole, &view.color, &from.neighbor);
+    }
+    pair.weight.resize(classes.size());
+    for (size_t i = 0; i < classes.size(); ++i) {
+        const bool occluded = (classes.data[i] & (occluded_bit | outside_bit)) == occluded_bit;
+        pair.weight[i] = occluded ? 1.0f : classes.data[i] & outside_bit ? outside_weight : 0.0f;
+    }
+    return pair;
+}
+
+/// In V: the own camera's points, and all cameras' as the target, which is not known where none of them fell.
+PairPlanes splatted_pair(const RecordedViews& recorded, size_t chosen, const Shift& shift) {
+    const int own = int(chosen % recorded.rig_size);
+    const RecordedViews::View& view = recorded.views[chosen];
+    const ShiftedCamera v = shifted_camera(view, shift);
+    const RigSurfaces rig(recorded, chosen, v.world_from_cam.translation_m);
+    const Seam target = splatted_seam(rig.cameras, own, v);
+    Reprojection shown;
+    if (!reproject(rig.surfaces[size_t(own)], v, nullptr, shown)) return {};
+    const ShiftedHoles seen = holes({{view.camera.intrinsics, view.camera.ego_from_cam, &shown}}, 0, v);
+    Mask hole(target.color.width, target.color.height);
+    size_t holes = 0;
+    for (size_t i = 0; i < hole.size(); ++i) holes += hole.data[i] = target.source.data[i] != own;
+    if (holes == hole.size()) return {};
+    PairPlanes pair = planes_of(target.color, seen.depth, hole, &target.color);
+    pair.weight.resize(hole.size());
+    for (size_t i = 0; i < hole.size(); ++i)
+        pair.weight[i] = target.source.data[i] < 0 || !hole.data[i] ? 0.0f : seen.outside.data[i] ? outside_weight : 1.0f;
+    return pair;
+}
+
 }  // namespace
 
 vshift_inpaint_views PairPlanes::views() const {
@@ -56,7 +163,8 @@ std::vector<float> display_planes(const ColorImage& image) {
     return planes;
 }
 
-PairPlanes planes_of(const ColorImage& color, const DepthMap& depth, const Mask& hole, const ColorImage* target) {
+PairPlanes planes_of(const ColorImage& color, const DepthMap& depth, const Mask& hole, const ColorImage* target,
+                     const Mask* neighbor) {
     PairPlanes p;
     p.width = color.width;
     p.height = color.height;
@@ -68,57 +176,57 @@ PairPlanes planes_of(const ColorImage& color, const DepthMap& depth, const Mask&
     p.inverse_depth.resize(n);
     for (size_t i = 0; i < n; ++i) {
         p.hole[i] = hole.data[i] ? 1 : 0;
+        if (neighbor) p.neighbor[i] = neighbor->data[i] ? 1 : 0;
         p.inverse_depth[i] = !hole.data[i] && is_measured(depth.data[i]) ? 1 / depth.data[i] : 0;
     }
     return p;
 }
 
+const std::vector<std::string>& arm_names() {
+    static const std::vector<std::string> names{"extrapolation", "virtual_shift", "seam", "double_warp"};
+    return names;
+}
+
+RecordedViews record_frame(const analytic::StreetScene& street, int frame, int width) {
+    RecordedViews out;
+    for (const analytic::RigCamera& camera : analytic::six_camera_rig(width, width * 9 / 16)) {
+        const TrueCamera at = analytic::recorded_camera(camera, frame);
+        out.views.push_back({analytic::street_color(street, at, color_samples), cast_camera(street.scene, at).depth, camera});
+    }
+    out.rig_size = out.views.size();
+    return out;
+}
+
 RecordedViews record_streets(const std::vector<uint32_t>& seeds, int frames, int width,
                              const std::function<void(size_t, size_t)>& show) {
     RecordedViews out;
-    const auto rig = analytic::six_camera_rig(width, width * 9 / 16);
-    const size_t total = seeds.size() * size_t(frames) * rig.size();
     for (const uint32_t seed : seeds) {
         const analytic::StreetScene street = analytic::build_street(seed);
         for (int f = 0; f < frames; ++f) {
-            const int frame = frames == 1 ? 0 : f * (analytic::most_frames - 1) / (frames - 1);
-            for (const analytic::RigCamera& camera : rig) {
-                show(out.views.size(), total);
-                const TrueCamera at = analytic::recorded_camera(camera, frame);
-                out.views.push_back({analytic::street_color(street, at, color_samples), cast_camera(street.scene, at).depth, camera});
-            }
+            show(out.views.size(), seeds.size() * size_t(frames) * out.rig_size);
+            RecordedViews rig = record_frame(street, frames == 1 ? 0 : f * (analytic::most_frames - 1) / (frames - 1), width);
+            out.rig_size = rig.rig_size;
+            std::move(rig.views.begin(), rig.views.end(), std::back_inserter(out.views));
         }
     }
     return out;
 }
 
-PairPlanes training_pair(const RecordedViews& recorded, uint64_t seed, uint64_t number, int crop_px) {
-    thread_local Sweeper sweeper;
+PairPlanes training_pair(const RecordedViews& recorded, uint64_t seed, uint64_t number, int crop_px, Arm arm) {
     analytic::Stream random(uint32_t(seed * 7919 + number), uint32_t(number >> 20) + 17);
     for (;;) {
-        const auto& view = recorded.views[size_t(random.whole(0, int(recorded.views.size()) - 1))];
+        const size_t chosen = size_t(random.whole(0, int(recorded.views.size()) - 1));
         Shift shift;
         shift.translation_m = {random.within(-1, 1), random.within(0.5, 4) * (random.chance(0.5) ? 1 : -1), 0};
-        SweepCamera camera;
-        camera.recorded = camera.shifted = view.camera.intrinsics;
-        camera.recorded_from_shifted =
-            compose(inverse(view.camera.ego_from_cam), shifted_ego_from_cam(view.camera.ego_from_cam, shift));
-        Grid<uint8_t> classes;
-        sweeper.classes(camera, view.depth, classes);
-        Mask hole;
-        if (lost_pixels(classes, hole) == hole.size()) continue;
-        PairPlanes pair = planes_of(view.color, view.depth, hole, &view.color);
-        pair.weight.resize(classes.size());
-        std::vector<size_t> occluded_pixels;
-        for (size_t i = 0; i < classes.size(); ++i) {
-            const bool occluded = (classes.data[i] & (occluded_bit | outside_bit)) == occluded_bit;
-            pair.weight[i] = occluded ? 1.0f : hole.data[i] ? outside_weight : 0.0f;
-            if (occluded) occluded_pixels.push_back(i);
-        }
-        if (occluded_pixels.empty()) continue;
+        PairPlanes pair = arm == Arm::extrapolation ? splatted_pair(recorded, chosen, shift)
+                                                    : recorded_pair(recorded, chosen, shift, arm);
+        std::vector<size_t> centers;  // what weighs most
+        for (size_t i = 0; i < pair.weight.size(); ++i)
+            if (pair.weight[i] == 1) centers.push_back(i);
+        if (centers.empty()) continue;
         if (crop_px == 0) return pair;
         // Around an occluded pixel, not always in the middle.
-        const size_t at = occluded_pixels[size_t(random.whole(0, int(occluded_pixels.size()) - 1))];
+        const size_t at = centers[size_t(random.whole(0, int(centers.size()) - 1))];
         const int width = std::min(crop_px, pair.width), height = std::min(crop_px, pair.height);
         const int x = int(at % size_t(pair.width)) - random.whole(0, width - 1);
         const int y = int(at / size_t(pair.width)) - random.whole(0, height - 1);
@@ -127,23 +235,27 @@ PairPlanes training_pair(const RecordedViews& recorded, uint64_t seed, uint64_t 
     }
 }
 
-TrueShiftedView true_shifted_view(const analytic::StreetScene& street, const std::vector<analytic::RigCamera>& rig, int own,
-                                  int frame, const Shift& shift) {
-    const analytic::RigCamera& camera = rig[size_t(own)];
-    const TrueCamera from = analytic::recorded_camera(camera, frame), to = analytic::shifted_camera(camera, frame, shift);
-    const ColorImage recorded = analytic::street_color(street, from, color_samples);
-    const ColorImage truth = analytic::street_color(street, to, color_samples);
-    const ShiftedCamera v{camera.intrinsics, to.world_from_cam};
-    const SurfaceView surface = surface_view(camera.intrinsics, from.world_from_cam, cast_camera(street.scene, from).depth,
-                                             to.world_from_cam.translation_m);
+TrueShiftedView true_shifted_view(const analytic::StreetScene& street, const RecordedViews& recorded, size_t own, int frame,
+                                  const Shift& shift, bool with_seam) {
+    const RecordedViews::View& view = recorded.views[own];
+    const ShiftedCamera v = shifted_camera(view, shift);
+    const RigSurfaces rig(recorded, own, v.world_from_cam.translation_m);
+    const SurfaceView& surface = rig.surfaces[own];
     Reprojection shown;
     const bool any = reproject(surface, v, nullptr, shown);
     const ShiftedHoles seen = holes({{surface.intrinsics, surface.world_from_cam, any ? &shown : nullptr}}, 0, v);
-    const Sampler sampler(SurfaceField{surface.inverse_depth, surface.tears}, recorded,
-                          projective_map(surface.intrinsics, surface.world_from_cam, v.intrinsics, v.world_from_cam));
-    Warped warped = warp(seen, {sampler}, EdgeBand::drop);
-    PairPlanes planes = planes_of(warped.color, seen.depth, warped.missing, &truth);
-    return {std::move(warped), seen.depth, std::move(planes), seen.disoccluded};
+    TrueShiftedView out{warp(seen, {sampler_of(surface, view.color, v)}, EdgeBand::drop), seen.depth,
+                        analytic::street_color(street, analytic::shifted_camera(view.camera, frame, shift), color_samples),
+                        seen.disoccluded, seen.outside, {}, {}};
+    out.planes = planes_of(out.warped.color, seen.depth, out.warped.missing, &out.truth);
+    if (!with_seam) return out;
+    const ShiftedSeam seam = seam_shifted(rig.cameras, int(own), v, {});
+    const Sources from = sources_of(seam.seam, int(own));
+    DepthMap depth = seen.depth;
+    for (size_t i = 0; i < depth.size(); ++i)
+        if (from.neighbor.data[i]) depth.data[i] = std::numeric_limits<float>::quiet_NaN();
+    out.seam_planes = planes_of(seam.seam.color, depth, from.hole, &out.truth, &from.neighbor);
+    return out;
 }
 
 }  // namespace vshift::inpaint

@@ -20,10 +20,24 @@ struct PairPlanes {
     vshift_inpaint_views views() const;
 };
 
-/// Fills the hole (fill_background) and makes planes. `target` may be null; `color` and `depth` are not read in holes.
-PairPlanes planes_of(const ColorImage& color, const DepthMap& depth, const Mask& hole, const ColorImage* target);
+/// Fills the hole (fill_background) and makes planes. `target` and `neighbor` (whose pixels a neighbour gave) may be
+/// null; `color` and `depth` are not read in holes.
+PairPlanes planes_of(const ColorImage& color, const DepthMap& depth, const Mask& hole, const ColorImage* target,
+                     const Mask* neighbor = nullptr);
 
-/// Recorded views of streets, kept in memory: per seed `frames` frames of six cameras at `width` x 9/16 width.
+/// What a training pair is made of; the rows of the paper's Table 2 and what we add.
+enum class Arm {
+    extrapolation,  ///< own points splatted to V; the target is every camera's, so it is known only where a neighbour saw
+    virtual_shift,  ///< the recorded view without what V would lose; the target is the recorded view (paper III-C)
+    seam,           ///< the same with the neighbours' pixels in what is lost (paper III-D)
+    double_warp     ///< the same, and what is not lost warped R -> V -> R
+};
+/// extrapolation, virtual_shift, seam, double_warp.
+const std::vector<std::string>& arm_names();
+inline bool has_neighbors(Arm arm) { return arm == Arm::seam || arm == Arm::double_warp; }
+
+/// Recorded views of streets, kept in memory: per seed `frames` frames of six cameras at `width` x 9/16 width. The
+/// cameras of a rig follow each other.
 struct RecordedViews {
     struct View {
         ColorImage color;
@@ -31,6 +45,7 @@ struct RecordedViews {
         analytic::RigCamera camera;
     };
     std::vector<View> views;
+    size_t rig_size = 6;
 };
 RecordedViews record_streets(const std::vector<uint32_t>& seeds, int frames, int width,
                              const std::function<void(size_t done, size_t total)>& show);
@@ -39,18 +54,24 @@ RecordedViews record_streets(const std::vector<uint32_t>& seeds, int frames, int
 /// from seed and number. What is lost from there is the hole (method.md section 2). Views in which nothing is occluded are passed by. What
 /// is outside V's frame weighs a tenth: it is several times as much and can be guessed less. With `crop_px`, a square of
 /// that side that holds an occluded pixel, every other one mirrored; 0: whole views.
-PairPlanes training_pair(const RecordedViews& recorded, uint64_t seed, uint64_t number, int crop_px = 0);
+PairPlanes training_pair(const RecordedViews& recorded, uint64_t seed, uint64_t number, int crop_px = 0,
+                         Arm arm = Arm::virtual_shift);
 
-/// A true shifted view: what the own camera saw, warped there; its holes; and the truth, rendered.
+/// A true shifted view: what the own camera saw, warped there; its holes by reason; and the truth, rendered.
 struct TrueShiftedView {
     Warped warped;
     DepthMap depth;
-    PairPlanes planes;
-    Mask disoccluded;
+    ColorImage truth;
+    Mask disoccluded, outside;
+    PairPlanes planes;       ///< of the own camera alone
+    PairPlanes seam_planes;  ///< with the neighbours' pixels in its holes; when asked for
 };
 /// 3 planes of display values, as PairPlanes has them.
 std::vector<float> display_planes(const ColorImage& image);
-TrueShiftedView true_shifted_view(const analytic::StreetScene& street, const std::vector<analytic::RigCamera>& rig, int own,
-                                  int frame, const Shift& shift);
+/// `recorded` is one frame of one street: a rig.
+TrueShiftedView true_shifted_view(const analytic::StreetScene& street, const RecordedViews& recorded, size_t own, int frame,
+                                  const Shift& shift, bool with_seam);
+/// That frame.
+RecordedViews record_frame(const analytic::StreetScene& street, int frame, int width);
 
 }  // namespace vshift::inpaint

@@ -94,19 +94,18 @@ std::pair<double, Weights> gradients(const Model& model, const Weights& weights,
         Example e = prepare(model, padded(model.config, gathered(hooks, first, o.batch)));
         const at::Device device = leaves[0].device();
         for (Tensor* t : {&e.z0, &e.condition, &e.may_change, &e.weight}) *t = t->to(device);
-        auto one = e.z0.sizes().vec();
-        one[0] = 1;
+        const auto one = noise_sizes(model, e);
+        const bool noisy = model.config.flow || model.config.kind == Kind::autoencoder;
         std::vector<Tensor> noises, times;
-        for (int64_t i = 0; i < o.batch && model.config.flow; ++i) {
+        for (int64_t i = 0; i < o.batch && noisy; ++i) {
             const uint64_t sample = first + uint64_t(i);
             noises.push_back(noise(one, o.seed, 2 * sample));
             // Uniform by way of a normal number's distribution: one source of numbers for all.
             const double u = 0.5 * std::erfc(-noise({1}, o.seed, 2 * sample + 1).item<double>() / std::sqrt(2.0));
             times.push_back(at::full({1}, shifted_time(u, model.config.time_shift)));
         }
-        const bool flow = model.config.flow;
-        const Tensor l = loss_of(model, tracked, e, flow ? at::cat(noises, 0).to(device) : Tensor(),
-                                 flow ? at::cat(times, 0).to(device) : Tensor()) / double(o.accumulate);
+        const Tensor l = loss_of(model, tracked, e, noisy ? at::cat(noises, 0).to(device) : Tensor(),
+                                 noisy ? at::cat(times, 0).to(device) : Tensor()) / double(o.accumulate);
         const auto grads = torch::autograd::grad({l}, leaves, {}, {}, false, true);
         loss += l.item<double>();
         if (sums.empty()) sums.resize(grads.size());

@@ -108,12 +108,14 @@ private:
     Tensor causal(const std::string& name, const Tensor& x) {
         const Tensor& weight = get(w_, name + ".weight");
         const int64_t frames = x.size(1), side = weight.size(3);
+        const bool begins = !state_.past[name].defined();
         const Tensor all = with_past(name, x, 2);
         Tensor sum;
-        for (int64_t dt = 0; dt < 3; ++dt) {
+        for (int64_t dt = 2; dt >= 0; --dt) {
+            if (begins && dt + frames <= 2) continue;  // nothing but zeros
             const Tensor y = at::conv2d(merged(all.narrow(1, dt, frames)), weight.select(2, dt),
-                                        dt == 0 ? get(w_, name + ".bias") : Tensor(), 1, side / 2);
-            sum = dt ? sum + y : y;
+                                        dt == 2 ? get(w_, name + ".bias") : Tensor(), 1, side / 2);
+            sum = sum.defined() ? sum + y : y;
         }
         return unmerged(sum, x.size(0));
     }
@@ -216,7 +218,7 @@ int64_t vae_frames(const VaeConfig& config) {
     return frames;
 }
 
-Tensor vae_encode(const Vae& vae, const Tensor& video, VaeState& state) {
+Tensor vae_moments(const Vae& vae, const Tensor& video, VaeState& state) {
     const VaeConfig& c = vae.config;
     const int64_t side = vae_side(c), frames = vae_frames(c), first = state.begun ? 0 : 1;
     require(video.dim() == 5 && video.size(1) == 3 && video.size(2) >= 1 && (video.size(2) - first) % frames == 0 &&
@@ -227,19 +229,41 @@ Tensor vae_encode(const Vae& vae, const Tensor& video, VaeState& state) {
     const int64_t B = video.size(0), T = video.size(2), H = video.size(3) / 2, W = video.size(4) / 2;
     const Tensor x = video.view({B, 3, T, H, 2, W, 2}).permute({0, 2, 1, 6, 4, 3, 5}).reshape({B, T, 12, H, W});
     Pass pass(vae, state);
-    const Tensor means = pass.pointwise("conv1", pass.encode(x)).narrow(2, 0, c.z_dim).transpose(1, 2);
+    return pass.pointwise("conv1", pass.encode(x)).transpose(1, 2);
+}
+
+Tensor vae_encode(const Vae& vae, const Tensor& video, VaeState& state) {
+    const VaeConfig& c = vae.config;
+    const Tensor means = vae_moments(vae, video, state).narrow(1, 0, c.z_dim);
     return ((means - per_channel(c.mean, 0, c, means)) / per_channel(c.std, 1, c, means)).contiguous();
+}
+
+Tensor vae_decode_raw(const Vae& vae, const Tensor& latents, VaeState& state) {
+    const VaeConfig& c = vae.config;
+    require(latents.dim() == 5 && latents.size(1) == c.z_dim && latents.size(2) >= 1, "latents", latents,
+            "[B, " + std::to_string(c.z_dim) + ", T, H, W]");
+    Pass pass(vae, state);
+    const Tensor x = pass.decode(pass.pointwise("conv2", latents.transpose(1, 2)));
+    const int64_t B = x.size(0), T = x.size(1), H = x.size(3), W = x.size(4);
+    return x.view({B, T, 3, 2, 2, H, W}).permute({0, 2, 1, 5, 4, 6, 3}).reshape({B, 3, T, 2 * H, 2 * W});
 }
 
 Tensor vae_decode(const Vae& vae, const Tensor& latents, VaeState& state) {
     const VaeConfig& c = vae.config;
-    require(latents.dim() == 5 && latents.size(1) == c.z_dim && latents.size(2) >= 1, "latents", latents,
-            "[B, " + std::to_string(c.z_dim) + ", T, H, W]");
-    const Tensor z = latents * per_channel(c.std, 1, c, latents) + per_channel(c.mean, 0, c, latents);
-    Pass pass(vae, state);
-    const Tensor x = pass.decode(pass.pointwise("conv2", z.transpose(1, 2)));
-    const int64_t B = x.size(0), T = x.size(1), H = x.size(3), W = x.size(4);
-    return x.view({B, T, 3, 2, 2, H, W}).permute({0, 2, 1, 5, 4, 6, 3}).reshape({B, 3, T, 2 * H, 2 * W});
+    return vae_decode_raw(vae, latents * per_channel(c.std, 1, c, latents) + per_channel(c.mean, 0, c, latents), state);
+}
+
+Weights initial_vae(const VaeConfig& config, uint64_t seed) {
+    // What the blocks add begins at 0.
+    Weights w = initial_weights(vae_layout(config), seed, [](const std::string& name) {
+        return name.find(".residual.6.") != std::string::npos || name.find(".middle.1.proj.") != std::string::npos;
+    });
+    for (auto& [name, t] : w)
+        if (t.dim() == 5 && t.size(2) == 3) {
+            t.narrow(2, 0, 2).zero_();
+            t.mul_(std::sqrt(3.0));  // a third of the inputs is left
+        }
+    return w;
 }
 
 }  // namespace vshift::inpaint

@@ -28,6 +28,13 @@ int64_t vae_frames(const VaeConfig& config);
 /// `video` [B, 3, T, H, W] in -1..1; T = 1 + 4k in the first piece and 4k in others; H and W multiples of vae_side.
 /// Returns the normalised means [B, z, latents, H / side, W / side].
 Tensor vae_encode(const Vae& vae, const Tensor& video, VaeState& state);
+/// What the latents follow, not normalised: means, then logarithms of variances, [B, 2 z, latents, H / side, W / side].
+Tensor vae_moments(const Vae& vae, const Tensor& video, VaeState& state);
+/// Latents that are not normalised, to the video.
+Tensor vae_decode_raw(const Vae& vae, const Tensor& latents, VaeState& state);
+/// Weights to begin training from. What looks at past frames begins at 0: trained on single frames, it stays there, and
+/// a video is then taken frame by frame.
+Weights initial_vae(const VaeConfig& config, uint64_t seed);
 /// Any number of latents. Returns [B, 3, T, H, W], not clamped.
 Tensor vae_decode(const Vae& vae, const Tensor& latents, VaeState& state);
 

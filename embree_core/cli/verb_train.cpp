@@ -10,6 +10,7 @@
 #include "embree_core/cli/run_program.h"
 #include "embree_core/cli/verbs.h"
 #include "embree_core/image_file.h"
+#include "embree_core/recipe.h"
 #include "inpaint/judge_streets.h"
 #include "inpaint/network_library.h"
 #include "inpaint/street_pairs.h"
@@ -21,7 +22,8 @@ namespace fs = std::filesystem;
 using nlohmann::ordered_json;
 
 struct Options {
-    std::string output, streets = "1-12", judge, kind = "pixel_unet", config;
+    std::string output, streets = "1-12", judge, kind = "pixel_unet", config, autoencoder, arm = "virtual_shift";
+    std::vector<std::string> judge_also;
     int frames = 2, width = 256, crop = 0, steps = 1000, batch = 8, accumulate = 1, threads = 0, checkpoint_every = 100;
     std::vector<int> euler_steps{1};
     int64_t seed = 1;
@@ -58,10 +60,30 @@ std::vector<uint32_t> street_seeds(const std::string& text, const char* option) 
     }
 }
 
+inpaint::Arm arm_of(const std::string& name) {
+    const auto& names = inpaint::arm_names();
+    const auto at = std::find(names.begin(), names.end(), name);
+    if (at == names.end())
+        throw Error(ExitCode::bad_input, "usage: --arm: got '" + name + "', expected extrapolation, virtual_shift, seam or "
+                                             "double_warp (nearest: " + nearest_word(name, names) + ")");
+    return inpaint::Arm(at - names.begin());
+}
+
 ordered_json model_config(const Options& o) {
-    ordered_json model = {{"kind", o.kind}, {"flow", o.flow}, {"masks", !o.no_masks}, {"depth", !o.no_depth}};
-    if (o.kind == "pixel_dit")  // 3 million parameters
-        model["dit"] = {{"dim", 192}, {"ffn_dim", 768}, {"layers", 6}, {"heads", 4}, {"freq_dim", 64}, {"text_dim", 0}, {"patch", {1, 8, 8}}};
+    ordered_json model = {{"kind", o.kind}, {"flow", o.flow}, {"masks", !o.no_masks}, {"depth", !o.no_depth},
+                          {"neighbors", inpaint::has_neighbors(arm_of(o.arm))}};
+    if (o.kind == "pixel_dit") {  // 2.8 million parameters
+        model["gives_data"] = true;
+        model["dit"] = {{"dim", 192}, {"ffn_dim", 640}, {"layers", 6}, {"heads", 4}, {"freq_dim", 64}, {"text_dim", 0},
+                        {"patch", {1, 8, 8}}, {"reach", 9}};
+    }
+    if (o.kind == "autoencoder")  // 4 x 4 pixels to a latent, frame by frame
+        model["vae"] = {{"dim", 24}, {"dec_dim", 24}, {"z_dim", 8}, {"dim_mult", {1, 2}}, {"res_blocks", 1}, {"temporal_down", {false}}};
+    if (o.kind == "latent_dit") {
+        model["gives_data"] = true;
+        model["dit"] = {{"dim", 160}, {"ffn_dim", 480}, {"layers", 5}, {"heads", 4}, {"freq_dim", 64}, {"text_dim", 0},
+                        {"patch", {1, 2, 2}}, {"reach", 9}};
+    }
     if (!o.config.empty()) {
         const auto given = ordered_json::parse(read_whole_file(o.config, 1 << 20), nullptr, false);
         if (!given.is_object()) throw Error(ExitCode::bad_input, o.config + ": config: got no JSON object, expected one");
@@ -72,9 +94,10 @@ ordered_json model_config(const Options& o) {
 
 /// What the library calls back.
 struct Run {
-    const inpaint::RecordedViews& recorded;
+    const inpaint::RecordedViews &recorded, &checks;
     uint64_t seed;
     int crop_px;
+    inpaint::Arm arm;
     Progress progress;
     inpaint::PairPlanes pair;
     std::string error;
@@ -82,7 +105,7 @@ struct Run {
     static int sample(void* user, uint64_t number, vshift_inpaint_views* out) {
         Run& run = *static_cast<Run*>(user);
         try {
-            run.pair = inpaint::training_pair(run.recorded, run.seed, number, run.crop_px);
+            run.pair = inpaint::training_pair(number < VSHIFT_INPAINT_CHECKS ? run.recorded : run.checks, run.seed, number, run.crop_px, run.arm);
         } catch (const std::exception& e) {
             run.error = e.what();
             return 1;
@@ -109,15 +132,18 @@ void draw_curve(const std::string& csv) {
     if (chart.code != 0) throw Error(ExitCode::io_failed, "train: curve: got " + chart.told() + ", expected it drawn");
 }
 
-void train(const Options& o, const std::vector<uint32_t>& seeds) {
+void train(const Options& o, const std::vector<uint32_t>& seeds, const std::vector<uint32_t>& others) {
     const inpaint::NetworkLibrary& library = inpaint::network_library();
     const auto start = std::chrono::steady_clock::now();
     Progress drawing("streets");
-    const inpaint::RecordedViews recorded =
-        inpaint::record_streets(seeds, o.frames, o.width, [&](size_t done, size_t total) {
+    const auto draw = [&](const std::vector<uint32_t>& streets, int frames) {
+        return inpaint::record_streets(streets, frames, o.width, [&](size_t done, size_t total) {
             stop_if_interrupted();
             drawing.show(done, total, std::to_string(o.width) + " px");
         });
+    };
+    const inpaint::RecordedViews recorded = draw(seeds, o.frames);
+    const inpaint::RecordedViews checks = o.kind == "autoencoder" ? draw(others, 1) : inpaint::RecordedViews();
     drawing.finish();
     const double drawn_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     const std::string stem = fs::path(o.output).replace_extension().string();
@@ -125,10 +151,11 @@ void train(const Options& o, const std::vector<uint32_t>& seeds) {
         {"model", model_config(o)}, {"steps", o.steps}, {"batch", o.batch}, {"accumulate", o.accumulate},
         {"learning_rate", o.learning_rate}, {"ema", o.ema}, {"seed", o.seed}, {"checkpoint_every", o.checkpoint_every},
         {"checkpoint_file", stem + ".checkpoint.safetensors"}, {"curve_file", stem + ".curve.csv"}, {"model_file", o.output},
+        {"autoencoder_file", o.autoencoder},
         {"license", "Apache-2.0"},
-        {"record", {{"data", "analytic streets, virtual shifts of 0.5 to 4 m of recorded views"}, {"streets", o.streets},
+        {"record", {{"data", "analytic streets, virtual shifts of 0.5 to 4 m of recorded views"}, {"arm", o.arm}, {"streets", o.streets},
                     {"frames", o.frames}, {"width", o.width}, {"crop", o.crop}, {"views", recorded.views.size()}}}};
-    Run run{recorded, uint64_t(o.seed), o.crop, Progress("train"), {}, {}};
+    Run run{recorded, checks, uint64_t(o.seed), o.crop, arm_of(o.arm), Progress("train"), {}, {}};
     const int code = library.train(options.dump().c_str(), Run::sample, Run::after_step, &run);
     run.progress.finish();
     if (!run.error.empty()) throw Error(ExitCode::bad_input, "train: " + run.error);
@@ -142,21 +169,25 @@ void train(const Options& o, const std::vector<uint32_t>& seeds) {
 
 void run(const Options& o) {
     const auto seeds = street_seeds(o.streets, "--streets");
+    arm_of(o.arm);
     inpaint::JudgeOptions judge;
     if (!o.judge.empty()) judge.seeds = street_seeds(o.judge, "--judge");
     for (const uint32_t s : judge.seeds)
         if (std::find(seeds.begin(), seeds.end(), s) != seeds.end() && !o.judge_only)
             throw Error(ExitCode::bad_input, "usage: --judge: got street " + std::to_string(s) + ", which is trained on, expected others");
-    if (o.kind == "latent_dit")
-        throw Error(ExitCode::bad_input, "usage: --kind: got latent_dit, expected pixel_unet or pixel_dit (there is no "
-                                         "trained autoencoder of ours yet)");
+    if ((o.kind == "latent_dit") != !o.autoencoder.empty() && !o.judge_only)
+        throw Error(ExitCode::bad_input, "usage: --autoencoder: got " + std::string(o.autoencoder.empty() ? "none" : o.autoencoder) +
+                                             " for " + o.kind + ", expected one for latent_dit alone");
+    if (o.kind == "autoencoder" && judge.seeds.empty())
+        throw Error(ExitCode::bad_input, "usage: --judge: got none, expected streets to measure the autoencoder on");
     const int threads = o.threads > 0 ? o.threads : int(std::max(1u, std::thread::hardware_concurrency()));
     inpaint::check(inpaint::network_library().set_threads(threads));
     if (const std::string warning = inpaint::slow_blas_warning(threads); !warning.empty())
         std::fprintf(stderr, "vshift: warning: %s\n", warning.c_str());
-    if (!o.judge_only) train(o, seeds);
-    if (judge.seeds.empty()) return;
-    judge.model_file = o.output;
+    if (!o.judge_only) train(o, seeds, judge.seeds);
+    if (judge.seeds.empty() || o.kind == "autoencoder") return;
+    judge.model_files = {o.output};
+    judge.model_files.insert(judge.model_files.end(), o.judge_also.begin(), o.judge_also.end());
     judge.width = o.width;
     judge.steps = o.euler_steps;
     Progress progress("judge");
@@ -177,13 +208,16 @@ void add_train_verb(CLI::App& app) {
     sub->add_option("-o,--output", o->output, "the model, .safetensors; the curve and checkpoints lie beside it")->required();
     sub->add_option("--streets", o->streets, "seeds to train on, such as 1-12")->capture_default_str();
     sub->add_option("--judge", o->judge, "seeds of other streets: the model against truth in true shifted views");
+    sub->add_option("--judge-also", o->judge_also, "further models, judged on the same views")->delimiter(',');
     sub->add_flag("--judge-only", o->judge_only, "the model is there: no training");
     sub->add_option("--frames", o->frames, "of each street")->capture_default_str()->check(CLI::Range(1, 81));
     sub->add_option("--width", o->width, "of the pictures, px")->capture_default_str()->check(CLI::Range(64, 1600));
     sub->add_option("--crop", o->crop, "side of the squares that are trained on, px; 0: whole views")->check(CLI::Range(0, 1600));
-    sub->add_option("--kind", o->kind, "pixel_unet or pixel_dit")->capture_default_str();
+    sub->add_option("--kind", o->kind, "pixel_unet, pixel_dit, autoencoder or latent_dit")->capture_default_str();
+    sub->add_option("--autoencoder", o->autoencoder, "a trained one, for latent_dit: frozen, and part of the model");
     sub->add_option("--config", o->config, "JSON file with further fields of the model's config");
     sub->add_flag("--flow", o->flow, "flow matching; else one-step regression");
+    sub->add_option("--arm", o->arm, "what pairs are made of: virtual_shift, seam, double_warp or extrapolation")->capture_default_str();
     sub->add_flag("--no-masks", o->no_masks, "ablation: the network sees no mask channels");
     sub->add_flag("--no-depth", o->no_depth, "ablation: nor inverse depth");
     sub->add_option("--euler-steps", o->euler_steps, "of flow, when judged: 1,2,4,8")->delimiter(',');

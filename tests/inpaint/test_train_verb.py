@@ -83,13 +83,17 @@ class Train(unittest.TestCase):
         record = json.loads(metadata["training"])
         self.assertEqual((record["steps"], record["streets"]), (60, "1"))
         judged = json.loads((self.folder / "m.judge.json").read_text())
-        self.assertEqual([r["shift_m"] for r in judged["pooled"]], [1.0, 2.0, 4.0])
-        for r in judged["pooled"]:
-            self.assertTrue(5 < r["network_db"] < 40)
-            self.assertEqual(sorted(r["fills_db"]), ["background", "ns", "pushpull", "telea"])
-            self.assertEqual(r["fills_db"][r["best_fill"]], max(r["fills_db"].values()))
-            self.assertAlmostEqual(r["gain_db"], r["network_db"] - max(r["fills_db"].values()), 9)
-            self.assertIsNone(r["gain_db_95"])  # one street
+        fills = ["background", "pushpull", "telea", "ns"]
+        for size in (0, 1, 2, 4):
+            rows = {r["way"]: r for r in judged["ways"] if r["shift_m"] == size}
+            self.assertEqual(list(rows), [*fills, "m"])
+            best = max(fills, key=lambda f: rows[f]["psnr_db"])
+            for r in rows.values():
+                self.assertTrue(5 < r["psnr_db"] < 40)
+                self.assertEqual(r["best_fill"], best)
+                self.assertAlmostEqual(r["gain_db"], r["psnr_db"] - rows[best]["psnr_db"], 9)
+                self.assertIsNone(r["gain_db_95"])  # one street
+                self.assertTrue(r["texture_distance"] > 0 and r["gradient_share"] > 0 and r["cpu_ms"] > 0)
 
     def test_goes_on_after_a_kill(self):
         straight = self.train("a.safetensors", steps=40, checkpoint_every=7, flow=True)
@@ -123,11 +127,44 @@ class Train(unittest.TestCase):
         self.assertTrue((self.folder / "c.checkpoint.safetensors").exists())
         self.assertFalse((self.folder / "c.safetensors").exists())
 
+    def test_latents_and_arms(self):
+        tiny = self.folder / "tiny.json"
+        tiny.write_text('{"vae": {"dim": 4, "dec_dim": 4, "z_dim": 4, "dim_mult": [1, 1], "res_blocks": 1, "temporal_down": [false]}}')
+        done = self.train("vae.safetensors", kind="autoencoder", config=tiny, steps=30, crop=32, judge=101)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        metadata = header(self.folder / "vae.safetensors")["__metadata__"]
+        self.assertTrue(5 < json.loads(metadata["training"])["reconstruction_db"] < 60)
+        self.assertEqual(len(json.loads(metadata["config"])["vae"]["std"]), 4)
+        tiny.write_text('{"dit": {"dim": 16, "ffn_dim": 16, "layers": 1, "heads": 2, "freq_dim": 8, "text_dim": 0, "patch": [1, 2, 2], "reach": 3}}')
+        done = self.train("latent.safetensors", kind="latent_dit", flow=True, autoencoder=self.folder / "vae.safetensors",
+                          config=tiny, steps=3, crop=32, arm="seam", judge=101, judge_also=self.folder / "latent.safetensors",
+                          euler_steps="1,2")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        judged = json.loads((self.folder / "latent.judge.json").read_text())
+        self.assertEqual([r["way"] for r in judged["ways"] if r["shift_m"] == 0][4:],
+                         ["seam+background", *["latent, 1 step", "latent, 2 steps"] * 2])
+        # The autoencoder is in the model as it was.
+        files = ("vae.safetensors", "latent.safetensors")
+        tensors = [{k: v for k, v in header(self.folder / f).items() if k.startswith("vae.")} for f in files]
+        self.assertEqual(sorted(tensors[0]), sorted(tensors[1]))
+        for name in tensors[0]:
+            self.assertEqual(*(self.tensor(f, t[name]) for f, t in zip(files, tensors)), name)
+        done = self.train("vae.safetensors", judge_only=True, judge=101)
+        self.assertEqual(done.returncode, 3)
+        self.assertIn("expected a model that fills", done.stderr)
+
+    def tensor(self, file, entry):
+        data = (self.folder / file).read_bytes()
+        begin, end = (8 + struct.unpack("<Q", data[:8])[0] + o for o in entry["data_offsets"])
+        return data[begin:end]
+
     def test_refuses(self):
         for options, code, part in (
                 ({"streets": "5-1"}, 3, "expected seeds"),
                 ({"judge": "1"}, 3, "trained on"),
-                ({"kind": "latent_dit"}, 3, "autoencoder"),
+                ({"kind": "latent_dit"}, 3, "--autoencoder"),
+                ({"kind": "autoencoder"}, 3, "--judge"),
+                ({"arm": "sem"}, 3, "nearest: seam"),
                 ({"kind": "cubic"}, 3, "pixel_unet"),
                 ({"steps": 0}, 3, "steps"),
                 ({"stepz": 1}, 3, "--steps"),

@@ -127,9 +127,109 @@ TEST_CASE("models begin at the fill, and leave known pixels alone bit for bit", 
     CHECK(at::equal(out.masked_select(known), v.fill.masked_select(known)));
 }
 
+TEST_CASE("flow: a network that gives the data goes there in any number of steps", "[flow]") {
+    for (const Kind kind : {Kind::pixel_dit, Kind::latent_dit}) {
+        ModelConfig c = small(kind, true);
+        c.gives_data = true;
+        const Model m = initial_model(c, 1);  // its output is 0: the fill, or the condition's latent
+        const Views v = sample(1, 1, 32, 32);
+        const Example e = prepare(m, v);
+        for (const int steps : {1, 2, 4, 8}) {
+            Stream s;
+            const Tensor out = inpaint::inpaint(m, v, steps, 1, s);
+            if (kind == Kind::pixel_dit) {
+                CHECK(worst(out, v.fill) < 1e-6);
+            } else {
+                VaeState decoding;
+                const Tensor back = (vae_decode(m.vae, e.condition.narrow(1, 0, c.vae.z_dim), decoding) + 1) / 2;
+                const Tensor open = (v.hole > 0).expand_as(out);
+                CHECK(worst(out.masked_select(open), back.clamp(0, 1).masked_select(open)) < 1e-5);
+            }
+        }
+        // Near t = 0 the loss stays finite.
+        const Tensor loss = loss_of(m, m.weights, e, random_tensor(e.z0.sizes(), 2), at::full({1}, 1e-6));
+        CHECK(std::isfinite(loss.item<double>()));
+    }
+}
+
+TEST_CASE("flow: what may not change is neither noise nor moved", "[flow]") {
+    // Whatever the network says of known pixels: it sees there what it saw in training, the fill, at every step.
+    const ModelConfig c = small(Kind::pixel_dit, true);
+    const Model m = woken(c);
+    Views v = sample(1, 1, 16, 64);
+    v.hole.narrow(4, 0, 32).zero_();
+    Stream a, b;
+    const Tensor out = inpaint::inpaint(m, v, 3, 1, a);
+    const Example e = prepare(m, v);
+    std::vector<double> known;
+    Tensor z = noise({1, 3, 1, 16, 64}, 1, 0) * e.may_change;
+    z = euler(z, flow_times(3, 1), [&](const Tensor& at_t, double t, int) {
+        known.push_back((at_t * (1 - e.may_change)).abs().max().item<double>());
+        return velocity(m, m.weights, at_t, at::full({1}, t), e.condition) * e.may_change;
+    });
+    CHECK(known == std::vector<double>{0, 0, 0});
+    CHECK(worst(out, at::where(v.hole > 0, (v.fill + z / c.residual_scale).clamp(0, 1), v.fill)) < 1e-6);
+}
+
+TEST_CASE("reach: far tokens do not matter, near ones do", "[dit]") {
+    ModelConfig c = small(Kind::pixel_dit, false);
+    c.dit.layers = 1;
+    Views v = sample(1, 1, 16, 64), other = v;
+    v.hole.fill_(1);
+    other.hole = v.hole;
+    other.inverse_depth = v.inverse_depth.clone();
+    other.inverse_depth.narrow(4, 40, 24).fill_(0.05);  // tokens 10 to 15 of 16
+    for (const int64_t reach : {0, 4}) {
+        c.dit.reach = reach;
+        const Model m = woken(c);
+        Stream a, b;
+        const Tensor difference = (inpaint::inpaint(m, v, 1, 1, a) - inpaint::inpaint(m, other, 1, 1, b)).abs();
+        CHECK((difference.narrow(4, 16, 12).max().item<double>() == 0) == (reach == 4));  // tokens 4 to 6
+        CHECK(difference.narrow(4, 28, 12).max().item<double>() > 0);
+    }
+}
+
+TEST_CASE("autoencoder: learns to give back single frames, and takes a video frame by frame", "[train]") {
+    const Scratch scratch;
+    ModelConfig c = small(Kind::autoencoder, false);
+    c.vae = parse_vae_config(nlohmann::json::parse(R"({"dim":8,"dec_dim":8,"z_dim":6,"dim_mult":[1,2],"res_blocks":1,
+        "temporal_down":[false]})"), "test");
+    Model m = initial_model(c, 2);
+    TrainOptions o;
+    o.steps = 80;
+    o.batch = 4;
+    o.learning_rate = 5e-3;
+    o.ema = 0.9;
+    const std::vector<Views> checks{sample(1000, 1, 16, 16), sample(1001, 1, 16, 16)};
+    const double before = reconstruction_of(m, m.weights, checks).psnr_db;
+    const TrainState s = train(m, o, {[](uint64_t i) { return sample(i, 1, 16, 16); }, {}});
+    const Reconstruction after = reconstruction_of(m, s.average, checks);
+    INFO(before << " dB to " << after.psnr_db << " dB");
+    CHECK(after.psnr_db > before + 3);
+    m.config.vae.mean = after.mean;
+    m.config.vae.std = after.std;
+    const fs::path file = scratch.folder / "vae.safetensors";
+    save_model(file, m, s.average);
+    // A latent model takes it over as it is, with its latents' mean and deviation.
+    ModelConfig latent = small(Kind::latent_dit, true);
+    const Model with = initial_model(latent, 3, file);
+    CHECK(hash_of(with.vae.weights) == hash_of(s.average));
+    CHECK(with.config.dit.out_channels == 6);
+    at::NoGradGuard no_grad;
+    const Tensor video = sample(7, 3, 16, 16).fill * 2 - 1;
+    VaeState state;
+    const Tensor latents = vae_encode(with.vae, video, state);
+    CHECK(latents.size(2) == 3);
+    for (int64_t f = 0; f < 3; ++f) {
+        VaeState alone;
+        CHECK(worst(vae_encode(with.vae, video.narrow(2, f, 1), alone), latents.narrow(2, f, 1)) < 1e-5);
+    }
+    CHECK(told([&] { initial_model(small(Kind::pixel_dit, true), 3, file); }).find("latent_dit") != std::string::npos);
+}
+
 TEST_CASE("models come back from their files", "[model]") {
     const Scratch scratch;
-    for (const Kind kind : {Kind::pixel_unet, Kind::pixel_dit, Kind::latent_dit}) {
+    for (const Kind kind : {Kind::pixel_unet, Kind::pixel_dit, Kind::latent_dit, Kind::autoencoder}) {
         Model m = woken(small(kind, true, kind == Kind::pixel_unet ? 0 : 3));
         m.metadata = {{"license", "Apache-2.0"}, {"training", "{\"steps\": 0}"}};
         const fs::path file = scratch.folder / "m.safetensors";
@@ -142,7 +242,7 @@ TEST_CASE("models come back from their files", "[model]") {
         Weights fewer = m.weights;
         fewer.erase(fewer.begin());
         save_model(file, m, fewer);
-        CHECK(told([&] { load_model(file); }).find("network." + m.weights.begin()->first) != std::string::npos);
+        CHECK(told([&] { load_model(file); }).find((kind == Kind::autoencoder ? "vae." : "network.") + m.weights.begin()->first) != std::string::npos);
         Weights more = m.weights;
         more["surplus"] = at::zeros({1});
         save_model(file, m, more);
