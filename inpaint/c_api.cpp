@@ -74,7 +74,7 @@ Views views_of(const vshift_inpaint_views& v, bool training) {
 struct TrainRequest {
     ModelConfig model;
     TrainOptions train;
-    std::string model_file, curve_file, license, record, autoencoder_file;
+    std::string model_file, curve_file, license, record, autoencoder_file, regression_file;
 };
 
 TrainRequest parse_request(const char* text) {
@@ -112,6 +112,7 @@ TrainRequest parse_request(const char* text) {
         else if (key == "model_file") r.model_file = word();
         else if (key == "curve_file") r.curve_file = word();
         else if (key == "autoencoder_file") r.autoencoder_file = word();
+        else if (key == "regression_file") r.regression_file = word();
         else if (key == "license") r.license = word();
         else if (key == "record") r.record = value.dump();
         else refuse("a known option");
@@ -159,6 +160,7 @@ int vshift_inpaint_train(const char* options_json, vshift_inpaint_sample sample,
         const TrainRequest r = parse_request(options_json);
         Model model = r.autoencoder_file.empty() ? initial_model(r.model, r.train.seed)
                                                  : initial_model(r.model, r.train.seed, r.autoencoder_file);
+        if (!r.regression_file.empty()) begin_with_regression(model, r.regression_file);
         const uint64_t frozen = hash_of(model.vae.weights);
         bool stopped = false;
         TrainHooks hooks;

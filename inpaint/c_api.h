@@ -41,7 +41,8 @@ typedef struct {
 /* Training. `sample` gives what it always gives for that number; its memory must last until its next call. All samples
  * are of one size. `progress` comes after every step; what it returns other than 0 stops (130), with a checkpoint.
  * `options_json`: {"model": {...}, "steps", "batch", "accumulate", "learning_rate", "weight_decay", "ema", "seed",
- * "checkpoint_every", "checkpoint_file", "model_file", "curve_file", "license", "autoencoder_file", "record": {...}}.
+ * "checkpoint_every", "checkpoint_file", "model_file", "curve_file", "license", "autoencoder_file", "regression_file",
+ * "record": {...}}.
  * Samples from VSHIFT_INPAINT_CHECKS on are of views that are not trained on: an autoencoder is measured on them. */
 #define VSHIFT_INPAINT_CHECKS (UINT64_C(1) << 40)
 typedef int (*vshift_inpaint_sample)(void* user, uint64_t number, vshift_inpaint_views* out);

@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::array<const char*, 4> kind_names{"pixel_unet", "pixel_dit", "latent_dit", "autoencoder"};
 constexpr double spread_weight = 1e-4;  // of the latents' distance from the normal distribution, beside the squared error
-constexpr double least_time = 1e-3, early_time = 0.25;  // of models that give z0
+constexpr double least_time = 1e-3, early_time = 0.5;  // of models that give z0
 constexpr double near_m = 8;  // 1/z is seen in eighths of a metre
 
 bool in_pixels(const ModelConfig& c) {
@@ -141,6 +141,18 @@ Model initial_model(const ModelConfig& config, uint64_t seed, const std::filesys
     const auto record = trained.metadata.find("training");
     if (record != trained.metadata.end()) m.metadata["autoencoder_training"] = record->second;
     return m;
+}
+
+void begin_with_regression(Model& model, const std::filesystem::path& file) {
+    const Model from = load_model(file);
+    if (model.config.kind != Kind::pixel_unet || from.config.kind != Kind::pixel_unet || from.config.flow ||
+        unet_layout(model.config.unet) != unet_layout(from.config.unet))
+        refuse(file.string() + ": config", json_of(from.config), "a regression by the same network as " + json_of(model.config));
+    model.weights = from.weights;
+    // Its z1 was 0, so that what it has for z is chance; and v = -z0.
+    model.weights.at("in.weight").narrow(1, 0, 4 * model.config.unet.out_channels).zero_();
+    if (model.config.gives_data && !from.config.gives_data)
+        for (const char* name : {"out.weight", "out.bias"}) model.weights.at(name).neg_();
 }
 
 Model load_model(const std::filesystem::path& path) {

@@ -45,6 +45,9 @@ struct Model {
 Model initial_model(const ModelConfig& config, uint64_t seed);
 /// A latent model with the autoencoder of `file`.
 Model initial_model(const ModelConfig& config, uint64_t seed, const std::filesystem::path& file);
+/// Gives a pixel_unet the weights of a regression of the same network: at t = 1 it then predicts what that does, and of
+/// the noise it knows nothing yet.
+void begin_with_regression(Model& model, const std::filesystem::path& file);
 /// Config, license and training record lie in the file's metadata; throws Error bad_input for what does not fit.
 Model load_model(const std::filesystem::path& file);
 void save_model(const std::filesystem::path& file, const Model& model, const Weights& weights);
@@ -80,7 +83,7 @@ Tensor velocity(const Model& model, const Weights& weights, const Tensor& z, con
                 const DitOptions& options = {});
 
 /// The mean over samples of the weighted squared error of v; `z1` noise, `t` in 0..1 ([B]). Regression ignores both.
-/// Where the network gives z0, v's error grows without bound towards t = 0: below t = 1/4 it counts as that at 1/4.
+/// Where the network gives z0, v's error grows without bound towards t = 0: below t = 1/2 it counts as that at 1/2.
 Tensor loss_of(const Model& model, const Weights& weights, const Example& example, const Tensor& z1, const Tensor& t);
 
 /// A stream of frames: what the next piece needs of the past. Memory does not grow.

@@ -45,7 +45,9 @@ cv::Mat square_root(const cv::Mat& m) {
 
 TextureFeatures texture_at(const std::vector<float>& planes, int width, int height, int x0, int y0) {
     const size_t n = size_t(width) * size_t(height);
-    const auto at = [&](size_t c, int x, int y) { return double(planes[c * n + size_t(y) * size_t(width) + size_t(x)]); };
+    const auto at = [&](size_t c, int x, int y) {
+        return double(planes[c * n + size_t(y) * size_t(width) + size_t(x)]);
+    };
     const auto luma = [&](int x, int y) { return 0.299 * at(0, x, y) + 0.587 * at(1, x, y) + 0.114 * at(2, x, y); };
     TextureFeatures f{};
     double inner[side][side], coarse[side][side] = {}, red = 0, blue = 0;

@@ -22,7 +22,7 @@ namespace fs = std::filesystem;
 using nlohmann::ordered_json;
 
 struct Options {
-    std::string output, streets = "1-12", judge, kind = "pixel_unet", config, autoencoder, arm = "virtual_shift";
+    std::string output, streets = "1-12", judge, kind = "pixel_unet", config, autoencoder, regression, arm = "virtual_shift";
     std::vector<std::string> judge_also;
     int frames = 2, width = 256, crop = 0, steps = 1000, batch = 8, accumulate = 1, threads = 0, checkpoint_every = 100;
     std::vector<int> euler_steps{1};
@@ -72,18 +72,15 @@ inpaint::Arm arm_of(const std::string& name) {
 ordered_json model_config(const Options& o) {
     ordered_json model = {{"kind", o.kind}, {"flow", o.flow}, {"masks", !o.no_masks}, {"depth", !o.no_depth},
                           {"neighbors", inpaint::has_neighbors(arm_of(o.arm))}};
-    if (o.kind == "pixel_dit") {  // 2.8 million parameters
-        model["gives_data"] = true;
+    model["gives_data"] = o.flow;
+    if (o.kind == "pixel_dit")  // 2.8 million parameters
         model["dit"] = {{"dim", 192}, {"ffn_dim", 640}, {"layers", 6}, {"heads", 4}, {"freq_dim", 64}, {"text_dim", 0},
                         {"patch", {1, 8, 8}}, {"reach", 9}};
-    }
     if (o.kind == "autoencoder")  // 4 x 4 pixels to a latent, frame by frame
-        model["vae"] = {{"dim", 24}, {"dec_dim", 24}, {"z_dim", 8}, {"dim_mult", {1, 2}}, {"res_blocks", 1}, {"temporal_down", {false}}};
-    if (o.kind == "latent_dit") {
-        model["gives_data"] = true;
+        model["vae"] = {{"dim", 24}, {"dec_dim", 24}, {"z_dim", 8}, {"dim_mult", {2, 2}}, {"res_blocks", 1}, {"temporal_down", {false}}};
+    if (o.kind == "latent_dit")
         model["dit"] = {{"dim", 160}, {"ffn_dim", 480}, {"layers", 5}, {"heads", 4}, {"freq_dim", 64}, {"text_dim", 0},
                         {"patch", {1, 2, 2}}, {"reach", 9}};
-    }
     if (!o.config.empty()) {
         const auto given = ordered_json::parse(read_whole_file(o.config, 1 << 20), nullptr, false);
         if (!given.is_object()) throw Error(ExitCode::bad_input, o.config + ": config: got no JSON object, expected one");
@@ -151,9 +148,9 @@ void train(const Options& o, const std::vector<uint32_t>& seeds, const std::vect
         {"model", model_config(o)}, {"steps", o.steps}, {"batch", o.batch}, {"accumulate", o.accumulate},
         {"learning_rate", o.learning_rate}, {"ema", o.ema}, {"seed", o.seed}, {"checkpoint_every", o.checkpoint_every},
         {"checkpoint_file", stem + ".checkpoint.safetensors"}, {"curve_file", stem + ".curve.csv"}, {"model_file", o.output},
-        {"autoencoder_file", o.autoencoder},
+        {"autoencoder_file", o.autoencoder}, {"regression_file", o.regression},
         {"license", "Apache-2.0"},
-        {"record", {{"data", "analytic streets, virtual shifts of 0.5 to 4 m of recorded views"}, {"arm", o.arm}, {"streets", o.streets},
+        {"record", {{"data", "analytic streets, virtual shifts of 0.5 to 4 m of recorded views"}, {"arm", o.arm}, {"begins_with", fs::path(o.regression).filename().string()}, {"streets", o.streets},
                     {"frames", o.frames}, {"width", o.width}, {"crop", o.crop}, {"views", recorded.views.size()}}}};
     Run run{recorded, checks, uint64_t(o.seed), o.crop, arm_of(o.arm), Progress("train"), {}, {}};
     const int code = library.train(options.dump().c_str(), Run::sample, Run::after_step, &run);
@@ -215,6 +212,7 @@ void add_train_verb(CLI::App& app) {
     sub->add_option("--crop", o->crop, "side of the squares that are trained on, px; 0: whole views")->check(CLI::Range(0, 1600));
     sub->add_option("--kind", o->kind, "pixel_unet, pixel_dit, autoencoder or latent_dit")->capture_default_str();
     sub->add_option("--autoencoder", o->autoencoder, "a trained one, for latent_dit: frozen, and part of the model");
+    sub->add_option("--begin-with", o->regression, "a regression by the same pixel_unet: where a flow's training begins");
     sub->add_option("--config", o->config, "JSON file with further fields of the model's config");
     sub->add_flag("--flow", o->flow, "flow matching; else one-step regression");
     sub->add_option("--arm", o->arm, "what pairs are made of: virtual_shift, seam, double_warp or extrapolation")->capture_default_str();

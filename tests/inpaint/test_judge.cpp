@@ -55,13 +55,16 @@ TEST_CASE("texture: the features of known patches", "[texture]") {
     const auto flat = texture_at(gray(side, side, [](int, int) { return 0.25; }), side, side, 4, 8);
     CHECK(flat[0] == Approx(0.25));
     for (size_t i = 1; i < texture_features; ++i) CHECK(flat[i] == Approx(0).margin(1e-7));
-    // A cosine of the inner 4x4's grid is one coefficient. The basis is orthonormal: it is the patch's norm, 0.1 sqrt(16 / 2).
-    const auto wave = texture_at(gray(side, side, [](int x, int) { return 0.5 + 0.1 * std::cos(M_PI * (x - 4 + 0.5) * 2 / 4); }), side,
-                                 side, 4, 4);
+    // A cosine of the inner 4x4's grid is one coefficient. The basis is orthonormal: it is the patch's norm, 0.1
+    // sqrt(16 / 2).
+    const auto wave =
+        texture_at(gray(side, side, [](int x, int) { return 0.5 + 0.1 * std::cos(M_PI * (x - 4 + 0.5) * 2 / 4); }),
+                   side, side, 4, 4);
     for (size_t i = 3; i < 18; ++i) CHECK(wave[i] == Approx(i == 4 ? 0.1 * std::sqrt(8.0) : 0).margin(1e-6));
     // Rows and columns are told apart, and a mirrored edge is the same edge.
     const auto step = [](bool down, bool mirrored) {
-        return texture_at(gray(side, side, [=](int x, int y) { return ((down ? y : x) >= 6) != mirrored ? 0.8 : 0.2; }), side, side, 4, 4);
+        return texture_at(gray(side, side, [=](int x, int y) { return ((down ? y : x) >= 6) != mirrored ? 0.8 : 0.2; }),
+                          side, side, 4, 4);
     };
     const auto a = step(false, false), b = step(false, true), d = step(true, false);
     CHECK(a[3] == Approx(b[3]));
@@ -80,11 +83,15 @@ TEST_CASE("texture: blur and noise are far from the truth, another part of it is
     const int width = 128, height = 96;
     std::mt19937 random(3);
     std::normal_distribution<double> normal(0, 0.1);
-    const auto texture = [&] { return gray(width, height, [&](int x, int y) { return 0.5 + 0.2 * std::sin(x * 0.9) * std::cos(y * 0.5) + normal(random); }); };
+    const auto texture = [&] {
+        return gray(width, height,
+                    [&](int x, int y) { return 0.5 + 0.2 * std::sin(x * 0.9) * std::cos(y * 0.5) + normal(random); });
+    };
     const auto truth = texture(), other = texture();
     auto noisy = truth, blurred = truth;
     for (float& v : noisy) v += float(2 * normal(random));
-    for (size_t i = 0; i < truth.size(); ++i) blurred[i] = 0.5f * truth[i] + 0.25f * (truth[i - (i > 0)] + truth[std::min(i + 1, truth.size() - 1)]);
+    for (size_t i = 0; i < truth.size(); ++i)
+        blurred[i] = 0.5f * truth[i] + 0.25f * (truth[i - (i > 0)] + truth[std::min(i + 1, truth.size() - 1)]);
     const Mask mask(width, height, 1);
     const TextureMoments of_truth = texture_moments(truth, mask);
     CHECK(of_truth.count == (width / 4 - 2) * (height / 4 - 2));

@@ -152,6 +152,24 @@ TEST_CASE("flow: a network that gives the data goes there in any number of steps
     }
 }
 
+TEST_CASE("flow: training may begin with a regression", "[flow]") {
+    const Scratch scratch;
+    const fs::path file = scratch.folder / "regression.safetensors";
+    const Model regression = woken(small(Kind::pixel_unet, false));
+    save_model(file, regression, regression.weights);
+    ModelConfig c = small(Kind::pixel_unet, true);
+    c.gives_data = true;
+    Model m = initial_model(c, 5);
+    begin_with_regression(m, file);
+    const Views v = sample(1);
+    Stream a, b;
+    const Tensor out = inpaint::inpaint(m, v, 1, 1, a);  // whatever the noise
+    REQUIRE(worst(out, v.fill) > 1e-3);
+    CHECK(worst(out, inpaint::inpaint(regression, v, 1, 1, b)) < 1e-5);
+    Model other = initial_model(small(Kind::pixel_dit, true), 5);
+    CHECK(told([&] { begin_with_regression(other, file); }).find("a regression by the same network") != std::string::npos);
+}
+
 TEST_CASE("flow: what may not change is neither noise nor moved", "[flow]") {
     // Whatever the network says of known pixels: it sees there what it saw in training, the fill, at every step.
     const ModelConfig c = small(Kind::pixel_dit, true);
@@ -192,7 +210,7 @@ TEST_CASE("reach: far tokens do not matter, near ones do", "[dit]") {
 TEST_CASE("autoencoder: learns to give back single frames, and takes a video frame by frame", "[train]") {
     const Scratch scratch;
     ModelConfig c = small(Kind::autoencoder, false);
-    c.vae = parse_vae_config(nlohmann::json::parse(R"({"dim":8,"dec_dim":8,"z_dim":6,"dim_mult":[1,2],"res_blocks":1,
+    c.vae = parse_vae_config(nlohmann::json::parse(R"({"dim":8,"dec_dim":8,"z_dim":6,"dim_mult":[2,2],"res_blocks":1,
         "temporal_down":[false]})"), "test");
     Model m = initial_model(c, 2);
     TrainOptions o;
