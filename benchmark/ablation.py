@@ -13,6 +13,7 @@ import sys
 from pathlib import Path
 
 import matplotlib
+import numpy as np
 matplotlib.use("agg")
 from matplotlib import pyplot as plt  # noqa: E402
 
@@ -26,14 +27,16 @@ ARMS = {  # file's name: what it is called, and its options
     "seam": ("+ seam", ["--arm", "seam", *BLIND]),
     "masks": ("+ mask channels", ["--arm", "seam", "--no-depth"]),
     "double_warp": ("+ double-warped inputs", ["--arm", "double_warp", "--no-depth"]),
-    "depth": ("mask channels and 1/z, warped once", ["--arm", "seam"]),
+    "depth": ("+ mask channels and 1/z", ["--arm", "seam"]),
 }
+AGAINST = {"extrapolation": "background", "virtual_shift": "extrapolation", "seam": "virtual_shift", "masks": "seam",
+           "double_warp": "masks", "depth": "masks"}
 # The same streets, samples, noise and steps for every arm; a smaller network than the shipped one.
 BUDGET = ["--streets", "1-12", "--frames", "2", "--width", "256", "--crop", "96", "--batch", "8", "--learning-rate", "1e-3",
           "--ema", "0.99", "--threads", "1"]
 NETWORK = {"unet": {"widths": [16, 32, 64, 96]}}
-PANELS = (("psnr_db", "PSNR in disocclusions, dB"), ("outside_db", "PSNR outside the recorded frame, dB"),
-          ("gradient_share", "gradient energy, share of the truth's"), ("texture_distance", "texture distance (lower is nearer)"))
+PANELS = (("psnr_db", "PSNR in disocclusions, dB"), ("outside_db", "PSNR outside the frame, dB"),
+          ("gradient_share", "gradient energy / truth's"), ("texture_distance", "texture distance (low: near)"))
 
 
 def call(*words):
@@ -63,16 +66,32 @@ def rows_of(judged, shift):
     return [(called, rows[way]) for way, called in names.items()]
 
 
+def paired_gain(judged, way, other):
+    """PSNR of one way over another's in disocclusions, pooled, and its 95 % interval: streets drawn with replacement."""
+    seeds = sorted({v["seed"] for v in judged["views"]})
+    sums = {(v, s): 0.0 for v in (way, other) for s in seeds}
+    for view in judged["views"]:
+        if view["way"] in (way, other):
+            sums[view["way"], view["seed"]] += view["error"]
+    errors = np.array([[sums[v, s] for s in seeds] for v in (way, other)])
+    drawn = np.random.default_rng(1).integers(0, len(seeds), (2000, len(seeds)))
+    gain = 10 * np.log10(errors[1, drawn].sum(1) / errors[0, drawn].sum(1))
+    return 10 * np.log10(errors[1].sum() / errors[0].sum()), *np.percentile(gain, (2.5, 97.5))
+
+
 def table(judged):
-    lines = ["| arm | " + " | ".join(f"{name} m" if name else "all" for name in (1, 2, 4, 0)) +
-             " | outside the frame | gradient energy | texture distance |", "|---|---|---|---|---|---|---|---|"]
+    lines = ["| arm | 1 m | 2 m | 4 m | all | gain | outside the frame | gradient energy | texture distance |",
+             "|---|---|---|---|---|---|---|---|---|"]
     for name, row in rows_of(judged, 0):
         same = [next(r for n, r in rows_of(judged, s) if n == name) for s in (1, 2, 4)]
-        low, high = row["psnr_db_95"]
         near, far = row["texture_distance_95"]
-        lines.append(f"| {name} | " + " | ".join(f"{r['psnr_db']:.2f}" for r in same) +
-                     f" | {row['psnr_db']:.2f} ({low:.2f} to {high:.2f}) | {row['outside_db']:.2f} | "
-                     f"{row['gradient_share']:.2f} | {row['texture_distance']:.2f} ({near:.2f} to {far:.2f}) |")
+        gain = ""
+        if row["steps"]:
+            other = AGAINST[row["way"]]
+            gain = "{:+.2f} ({:+.2f} to {:+.2f})".format(*paired_gain(judged, row["way"], other))
+            gain += f" over {next(n for n, r in rows_of(judged, 0) if r['way'] == other).removeprefix('+ ')}"
+        lines.append(f"| {name} | " + " | ".join(f"{r['psnr_db']:.2f}" for r in same) + f" | {row['psnr_db']:.2f} | {gain} | "
+                     f"{row['outside_db']:.2f} | {row['gradient_share']:.2f} | {row['texture_distance']:.2f} ({near:.2f} to {far:.2f}) |")
     return "\n".join(lines)
 
 
