@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::array<const char*, 4> kind_names{"pixel_unet", "pixel_dit", "latent_dit", "autoencoder"};
 constexpr double spread_weight = 1e-4;  // of the latents' distance from the normal distribution, beside the squared error
-constexpr double least_time = 1e-3, early_time = 0.5;  // of models that give z0
+constexpr double least_time = 1e-3;  // of models that give z0
 constexpr double near_m = 8;  // 1/z is seen in eighths of a metre
 
 bool in_pixels(const ModelConfig& c) {
@@ -87,6 +87,7 @@ ModelConfig parse_model_config(const std::string& text, const std::string& file)
         else if (key == "neighbors") c.neighbors = truth();
         else if (key == "window") c.window = int64_t(number(0, 1024));
         else if (key == "time_shift") c.time_shift = number(0.1, 100);
+        else if (key == "early_time") c.early_time = number(0.001, 1);
         else if (key == "gives_data") c.gives_data = truth();
         else if (key == "residual_scale") c.residual_scale = number(0.01, 100);
         else if (key == "unet") c.unet = parse_unet_config(value, field);
@@ -107,6 +108,7 @@ std::string json_of(const ModelConfig& c) {
                                 {"window", c.window},
                                 {"time_shift", c.time_shift},
                                 {"gives_data", c.gives_data},
+                                {"early_time", c.early_time},
                                 {"residual_scale", c.residual_scale}};
     if (c.kind == Kind::pixel_unet)
         j["unet"] = json_of(c.unet);
@@ -323,7 +325,7 @@ Tensor loss_of(const Model& model, const Weights& weights, const Example& e, con
     options.window = c.window;
     const Tensor z = flow_point(z0, z1, t.view({-1, 1, 1, 1, 1}));
     Tensor error = (velocity(model, weights, z, t, e.condition, options) - flow_velocity(z0, z1)).pow(2).mean(1, true);
-    if (c.gives_data) error = error * (t / early_time).clamp_max(1).pow(2).view({-1, 1, 1, 1, 1});
+    if (c.gives_data) error = error * (t / c.early_time).clamp_max(1).pow(2).view({-1, 1, 1, 1, 1});
     // Every sample counts the same, however much of it may change: so small batches add up to the large one.
     const Tensor sums = (error * e.weight).sum({1, 2, 3, 4}) / e.weight.sum({1, 2, 3, 4}).clamp_min(1e-6);
     return sums.mean();

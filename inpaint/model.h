@@ -26,6 +26,7 @@ struct ModelConfig {
     double time_shift = 1;   ///< Wan's, in training and sampling
     /// The network's output is z0 (in latents: less the condition's), from which v = (z_t - z0) / t follows; else v itself.
     bool gives_data = false;
+    double early_time = 0.25;  ///< of such a network, in training: v's error below this t counts as that at it
     double residual_scale = 4;
     UnetConfig unet;
     DitConfig dit;
@@ -83,7 +84,7 @@ Tensor velocity(const Model& model, const Weights& weights, const Tensor& z, con
                 const DitOptions& options = {});
 
 /// The mean over samples of the weighted squared error of v; `z1` noise, `t` in 0..1 ([B]). Regression ignores both.
-/// Where the network gives z0, v's error grows without bound towards t = 0: below t = 1/2 it counts as that at 1/2.
+/// Where the network gives z0, v's error would grow without bound towards t = 0: hence `early_time`.
 Tensor loss_of(const Model& model, const Weights& weights, const Example& example, const Tensor& z1, const Tensor& t);
 
 /// A stream of frames: what the next piece needs of the past. Memory does not grow.

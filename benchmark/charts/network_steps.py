@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The chart of every fill and every network setting: CPU time against PSNR, gradient energy and texture distance.
 
-    /usr/bin/python3 benchmark/charts/network_steps.py MODEL.judge.json [-o DIR]
+    /usr/bin/python3 benchmark/charts/network_steps.py MODEL.judge.json ... [-o DIR]
 
-The file is what `vshift train --judge-only --judge STREETS --judge-also MODEL,... --euler-steps 1,2,4,8` writes.
+The files are what `vshift train --judge-only --judge STREETS --judge-also MODEL,... --euler-steps 1,2,4,8` writes; several
+must be of the same views.
 """
 import argparse
 import json
 import re
+import sys
 from pathlib import Path
 
 import matplotlib
@@ -31,8 +33,22 @@ def series(rows):
     return out
 
 
-def draw(judged):
-    rows = [r for r in judged["ways"] if r["shift_m"] == 0]
+def rows_of(files):
+    """Pooled over all shifts; a way that several files have, from the first."""
+    rows, views = {}, None
+    for file in files:
+        judged = json.loads(file.read_text())
+        of = {(v["seed"], v["camera"], v["shift_m"], v["disoccluded_px"]) for v in judged["views"]}
+        views = views or of
+        if of != views:
+            sys.exit(f"network_steps: {file}: got other views than {files[0]} has, expected the same")
+        for row in judged["ways"]:
+            if row["shift_m"] == 0:
+                rows.setdefault(row["way"], row)
+    return list(rows.values())
+
+
+def draw(rows):
     networks = [name for name, of in series(rows).items() if of[0]["steps"]]
     figure, axes = plt.subplots(1, len(PANELS), figsize=(14, 4.2))
     for ax, (field, title) in zip(axes, PANELS):
@@ -53,18 +69,18 @@ def draw(judged):
         ax.xaxis.set_major_formatter(ticker.FuncFormatter(lambda v, _: f"{v:g}"))
         ax.set_xlabel("CPU ms per view, one thread")
         ax.set_title(title, fontsize=10)
-    axes[0].legend(fontsize=8, loc="lower left")
+    axes[0].legend(fontsize=8, loc="lower left", bbox_to_anchor=(0, .1))
     figure.tight_layout()
     return figure
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("judged", type=Path)
+    parser.add_argument("judged", type=Path, nargs="+")
     parser.add_argument("-o", "--out", type=Path, default=Path("docs/figures"))
     args = parser.parse_args()
     with plt.rc_context(STYLE):
-        figure = draw(json.loads(args.judged.read_text()))
+        figure = draw(rows_of(args.judged))
         for kind in ("svg", "png"):
             figure.savefig(args.out / f"network_steps.{kind}", bbox_inches="tight", dpi=140,
                            metadata={"Date": None} if kind == "svg" else None)
