@@ -69,7 +69,7 @@ def draw(rows):
         ax.xaxis.set_major_formatter(ticker.FuncFormatter(lambda v, _: f"{v:g}"))
         ax.set_xlabel("CPU ms per view, one thread")
         ax.set_title(title, fontsize=10)
-    axes[0].legend(fontsize=8, loc="lower left", bbox_to_anchor=(0, .1))
+    axes[1].legend(fontsize=8, loc="center left", bbox_to_anchor=(0, .66))
     figure.tight_layout()
     return figure
 
