@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "embree_core/lift_kernels.h"
 #include "embree_core/raster_map.h"
 #include "embree_core/surface_field.h"
 
@@ -389,45 +390,18 @@ private:
 /// Bounds of 1/z on and between a tile's surfaces; low > high: nothing there.
 Bounds bounds_of(const SurfaceView& view, int tile_x, int tile_y) {
     const Grid<float>& w = view.inverse_depth;
-    Bounds out;
-    // The image's border is a tear too.
-    bool invalid = false, torn = tile_x < 0 || tile_y < 0 || tile_x + tile_columns >= w.width ||
-                                 tile_y + tile_rows >= w.height;
     const int x0 = std::max(tile_x, 0), x1 = std::min(tile_x + tile_columns, w.width - 1);
     const int y0 = std::max(tile_y, 0), y1 = std::min(tile_y + tile_rows, w.height - 1);
-    for (int y = y0; y <= y1; ++y) {
-        const float* row = &w.data[size_t(y) * size_t(w.width)];
-        float low = out.low, high = out.high;
-        const uint8_t* tears = &view.tears.data[size_t(y) * size_t(w.width)];
-        int unknown = 0;
-        unsigned any_tear = 0;
-        for (int x = x0; x <= x1; ++x) any_tear |= tears[x];
-        torn |= any_tear != 0;
-        // Eight at a time, as vectors: the compiler must not reorder a single minimum.
-        int x = x0;
-        constexpr int lanes = 8;
-        float lows[lanes], highs[lanes];
-        int unknowns[lanes] = {};
-        std::fill_n(lows, lanes, low), std::fill_n(highs, lanes, high);
-        for (; x + lanes <= x1 + 1; x += lanes)
-            for (int i = 0; i < lanes; ++i) {
-                const float value = row[x + i];
-                lows[i] = value < lows[i] ? value : lows[i];
-                highs[i] = value > highs[i] ? value : highs[i];
-                unknowns[i] |= value != value;
-            }
-        for (int i = 0; i < lanes; ++i)
-            low = std::min(low, lows[i]), high = std::max(high, highs[i]), unknown |= unknowns[i];
-        for (; x <= x1; ++x) {
-            low = row[x] < low ? row[x] : low;
-            high = row[x] > high ? row[x] : high;
-            unknown |= row[x] != row[x];
-        }
-        out.low = low, out.high = high, invalid |= unknown != 0;
-    }
-    if (out.high == 0 && !invalid) return {};  // sky
-    if (torn || invalid) out.low *= 0.5f, out.high *= 2;  // half a pixel beyond a tear (SurfaceField::half_edge)
-    if (invalid) out.high = view.wall_top;
+    const size_t first = size_t(y0) * size_t(w.width) + size_t(x0);
+    const lifting::BoxBounds box = lifting::kernels().bounds(&w.data[first], &view.tears.data[first], size_t(w.width),
+                                                             size_t(x1 - x0 + 1), size_t(y1 - y0 + 1));
+    // The image's border is a tear too.
+    const bool torn = box.torn || tile_x < 0 || tile_y < 0 || tile_x + tile_columns >= w.width ||
+                      tile_y + tile_rows >= w.height;
+    if (box.high == 0 && !box.invalid) return {};  // sky
+    Bounds out{box.low, box.high};
+    if (torn || box.invalid) out.low *= 0.5f, out.high *= 2;  // half a pixel beyond a tear (SurfaceField::half_edge)
+    if (box.invalid) out.high = view.wall_top;
     return out;
 }
 
