@@ -142,7 +142,10 @@ void find_tears(const Intrinsics& intrinsics, const Grid<float>& w, const LiftOp
     });
 }
 
-SplitCell split_cell(const SurfaceField& f, int cx, int cy) {
+namespace {
+
+template <bool inner>
+SplitCell split(const SurfaceField& f, int cx, int cy) {
     SplitCell cell;
     for (int c = 0; c < 4; ++c) {
         const int x = cx + corner_dx[c], y = cy + corner_dy[c];
@@ -153,9 +156,9 @@ SplitCell split_cell(const SurfaceField& f, int cx, int cy) {
         const int n = (c + 1) % 4;
         const int x0 = cx + corner_dx[c], y0 = cy + corner_dy[c];
         const int x1 = cx + corner_dx[n], y1 = cy + corner_dy[n];
-        cell.joined_next[c] = f.joined(x0, y0, x1, y1);
-        if (cell.state[c] == Pixel::solid) cell.towards_next[c] = f.half_edge(x0, y0, x1 - x0, y1 - y0);
-        if (cell.state[n] == Pixel::solid) cell.towards_last[n] = f.half_edge(x1, y1, x0 - x1, y0 - y1);
+        cell.joined_next[c] = f.joined<inner>(x0, y0, x1, y1);
+        if (cell.state[c] == Pixel::solid) cell.towards_next[c] = f.half_edge<inner>(x0, y0, x1 - x0, y1 - y0);
+        if (cell.state[n] == Pixel::solid) cell.towards_last[n] = f.half_edge<inner>(x1, y1, x0 - x1, y0 - y1);
     }
     for (int pass = 0; pass < 2; ++pass)
         for (int c = 0; c < 4; ++c)
@@ -180,6 +183,13 @@ SplitCell split_cell(const SurfaceField& f, int cx, int cy) {
         if (members) cell.centre[p] = std::clamp((rows[0] + rows[1]) / float(members), 0.5f * smallest, 2.0f * largest);
     }
     return cell;
+}
+
+}  // namespace
+
+SplitCell split_cell(const SurfaceField& f, int cx, int cy) {
+    const bool inner = cx > 0 && cy > 0 && cx + 2 < f.w.width && cy + 2 < f.w.height;
+    return inner ? split<true>(f, cx, cy) : split<false>(f, cx, cy);
 }
 
 void check_size(const Intrinsics& intrinsics, const DepthMap& depth) {

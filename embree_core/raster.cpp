@@ -2,7 +2,9 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
+#include <cstring>
 #include <limits>
 
 #include "embree_core/lift_kernels.h"
@@ -25,10 +27,10 @@ using raster::reach_of;
 // Cells are taken in tiles, pixels of V in bands of rows. A band belongs to one task, and tiles come in order: the
 // result does not depend on who did what.
 constexpr int tile_columns = raster::most_cells, tile_rows = 16, band_rows = 64, block = 16;
-// Laid over the place of a back face until a band is finished: farther left than any image.
-constexpr float back_mark = 65536;
-// A wall stands before a surface when it is nearer by more than rounding; walls that meet leave no gap.
-constexpr float wall_margin = 1 + 1e-5f, wall_reach_px = 1.0f / 512;
+// Walls that meet leave no gap.
+constexpr float wall_reach_px = 1.0f / 512;
+static_assert(uint8_t(Sight::none) == raster::no_surface && uint8_t(Sight::seen) == raster::front &&
+              uint8_t(Sight::back_face) == raster::back && uint8_t(Sight::behind_wall) == raster::walled);
 
 /// Whether a pixel exactly on the edge a -> b belongs to the triangle on its inner side.
 bool owns_edge(float dx, float dy) {
@@ -133,33 +135,31 @@ public:
 
     /// Sky where nothing stands, and what walls hide.
     void finish(const ProjectiveMap& sky_map, const Intrinsics& recorded) {
+        const size_t n = size_t(out_.x1 - out_.x0);
+        std::vector<uint8_t> open(n);
+        const double right = recorded.width, bottom = recorded.height;
         for (int y = y0_; y < y1_; ++y) {
+            const size_t first = size_t(y) * size_t(width_) + size_t(out_.x0);
+            raster::kernels().settle(floor_ ? &floor_->data[first] : nullptr, &out_.wall[first], n,
+                                     &out_.inverse_depth.data[first], &out_.source_px.data[first].x,
+                                     reinterpret_cast<uint8_t*>(&out_.sight.data[first]), open.data());
+            if (view_.sky_px == 0) continue;
             const glm::dvec3 row = sky_map.turn[1] * (y + 0.5) + sky_map.turn[2];
-            for (int x = out_.x0; x < out_.x1; ++x) {
-                const size_t at = size_t(y) * size_t(width_) + size_t(x);
-                const float q = out_.inverse_depth.data[at];
-                if (const float floor = floor_ ? floor_->data[at] : 0; floor > 0 && q == floor) {
-                    out_.inverse_depth.data[at] = 0;
-                    out_.sight.data[at] = Sight::none;
-                    continue;
+            for (size_t i = 0; i < n; ++i) {
+                if (uint64_t eight; i + 8 <= n) {
+                    std::memcpy(&eight, &open[i], 8);
+                    if (eight == 0) {
+                        i += 7;
+                        continue;
+                    }
                 }
-                const bool wall = out_.wall[at] > q * wall_margin;
-                Sight& sight = out_.sight.data[at];
-                if (q > 0) {
-                    glm::vec2& source_px = out_.source_px.data[at];
-                    const bool back = source_px.x < 0.25f - 0.5f * back_mark;
-                    if (back) source_px.x += back_mark;
-                    sight = wall ? Sight::behind_wall : back ? Sight::back_face : Sight::seen;
-                    continue;
-                }
-                sight = wall ? Sight::behind_wall : Sight::none;
-                if (view_.sky_px == 0) continue;
-                const glm::dvec3 h = sky_map.turn[0] * (x + 0.5) + row;
+                if (!open[i]) continue;
+                const glm::dvec3 h = sky_map.turn[0] * (out_.x0 + int(i) + 0.5) + row;
                 if (!(h.z > 1e-9)) continue;
-                const glm::dvec2 u = glm::dvec2(h) * (1 / h.z);
-                if (!in_image(recorded, u) || field_.w.at(int(u.x), int(u.y)) != 0) continue;
-                out_.source_px.data[at] = glm::vec2(u);
-                if (!wall) sight = Sight::sky;
+                const double share = 1 / h.z, u = h.x * share, v = h.y * share;
+                if (!(u >= 0 && u < right && v >= 0 && v < bottom) || field_.w.at(int(u), int(v)) != 0) continue;
+                out_.source_px.data[first + i] = glm::vec2(float(u), float(v));
+                if (Sight& sight = out_.sight.data[first + i]; sight == Sight::none) sight = Sight::sky;
             }
         }
     }
@@ -199,14 +199,13 @@ private:
                 continue;
             }
             const size_t first = size_t(cells_.y[i]) * width + size_t(cells_.x[i]);
-            const int hits = cells_.hits[i];
-            for (int k = 0; hits >> k; ++k) {
-                if (!(hits >> k & 1)) continue;
+            for (unsigned hits = unsigned(cells_.hits[i]); hits; hits &= hits - 1) {
+                const int k = std::countr_zero(hits);
                 const size_t at = first + size_t(k & 1) + (k >> 1 ? width : 0);
                 const float q = cells_.q[k][i];
                 if (!(q > depth[at])) continue;
                 depth[at] = q;
-                source[at] = {cells_.u[k][i] + 0.5f, cells_.v[k][i] + 0.5f};
+                source[at] = {cells_.u[k][i], cells_.v[k][i]};
             }
         }
     }
@@ -238,7 +237,7 @@ private:
         if (!(a.r > 0 && b.r > 0 && c.r > 0)) return;
         float area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
         if (area == 0 || !std::isfinite(area)) return;
-        const float back = area > 0 ? 0.0f : back_mark;  // laid over the place until `finish`
+        const float back = area > 0 ? 0.0f : raster::back_mark;
         if (area < 0) std::swap(b, c);
         const Range box = candidates(std::min(a.x, std::min(b.x, c.x)), std::max(a.x, std::max(b.x, c.x)),
                                      std::min(a.y, std::min(b.y, c.y)), std::max(a.y, std::max(b.y, c.y)));

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <list>
 
@@ -147,6 +148,13 @@ void seam_shifted(const std::vector<SeamCamera>& rig, int own_index, const Shift
         }
         std::fill_n(&out.seam.source.data[first], k.width, int16_t(own_index));
         for (int x = 0; x < k.width; ++x) {
+            if (uint64_t eight; x + 8 <= k.width) {
+                std::memcpy(&eight, asked + x, 8);
+                if (eight == 0) {
+                    x += 7;
+                    continue;
+                }
+            }
             if (!asked[x]) continue;
             const size_t at = first + size_t(x);
             float front = out.missing.data[at] ? out.own.inverse_depth.data[at] : out.floor.data[at];
