@@ -142,6 +142,7 @@ void seam_answer(const Recipe& recipe, const Views& views, const Request& reques
     SeamOptions options;
     options.depth_tolerance = request.depth_tolerance;
     options.edge = request.edge == "drop" ? EdgeBand::drop : EdgeBand::keep;
+    options.depth = !condition;
     std::vector<SeamCamera> cameras(rig.cameras.size());
     std::vector<std::unique_ptr<BentView>> bent(rig.cameras.size());
     std::vector<ColorImage> exposed(rig.cameras.size());
@@ -179,7 +180,10 @@ void seam_answer(const Recipe& recipe, const Views& views, const Request& reques
         seam = literal_seam(*cameras[size_t(rig.own)].image, seam_shifted(cameras, rig.own, views.shifted, options),
                             rig.own);
     } else if (!recorded) {
-        seam = seam_shifted(cameras, rig.own, views.shifted, options).seam;
+        ShiftedSeam made = seam_shifted(cameras, rig.own, views.shifted, options);
+        seam = std::move(made.seam);
+        out.seam_z = std::move(made.inverse_depth.data);
+        for (float& w : out.seam_z) w = 1 / w;
     } else {
         const SurfaceView& surface = rig.surfaces[size_t(rig.own)];
         const SweepCamera camera{views.own.intrinsics, views.shifted.intrinsics,
