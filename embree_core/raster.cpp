@@ -201,7 +201,7 @@ private:
             const size_t first = size_t(cells_.y[i]) * width + size_t(cells_.x[i]);
             for (unsigned hits = unsigned(cells_.hits[i]); hits; hits &= hits - 1) {
                 const int k = std::countr_zero(hits);
-                const size_t at = first + size_t(k & 1) + (k >> 1 ? width : 0);
+                const size_t at = first + (k < raster::most_across ? size_t(k) : size_t(k - raster::most_across) + width);
                 const float q = cells_.q[k][i];
                 if (!(q > depth[at])) continue;
                 depth[at] = q;
@@ -217,7 +217,7 @@ private:
                 ceiling(std::clamp(y0, top, bottom)), ceiling(std::clamp(y1, top, bottom))};
     }
 
-    /// A cell that covers more than 2x2 pixels or is seen from behind.
+    /// A cell that covers more pixels than the kernel takes, or is seen from behind.
     void draw_wide(int cx, int cy, const raster::Row& a, const raster::Row& b, int i) {
         const auto corner = [&](const raster::Row& row, int c) {
             const int at = i + corner_dx[c];

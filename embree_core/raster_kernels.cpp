@@ -76,7 +76,7 @@ void cells(const Row& above, const Row& below, float u0, float v0, const Window&
     const I d;
     const U8 bytes;
     const size_t lanes = hn::Lanes(f);
-    const V zero = hn::Zero(f), one = hn::Set(f, 1.0f), two = hn::Set(f, 2.0f);
+    const V zero = hn::Zero(f), one = hn::Set(f, 1.0f);
     for (size_t i = 0; i < n; i += lanes) {
         const auto tears = [&](const uint8_t* p, int bits) {
             return hn::And(hn::PromoteTo(d, hn::LoadU(bytes, p + i)), hn::Set(d, bits));
@@ -109,8 +109,9 @@ void cells(const Row& above, const Row& below, float u0, float v0, const Window&
                 y1 = hn::Ceil(hn::Min(most_of(c.y), hn::Set(f, window.y1)));
         const V across = hn::Sub(x1, x0), down = hn::Sub(y1, y0);
         const M reached = hn::And(hn::And(whole, front), hn::And(hn::Gt(across, zero), hn::Gt(down, zero)));
-        const M plain = hn::And(hn::And(hn::Le(across, two), hn::Le(down, two)),
-                                hn::And(hn::Gt(area(c, 0, 1, 3), zero), hn::Gt(area(c, 2, 3, 1), zero)));
+        const M plain =
+            hn::And(hn::And(hn::Le(across, hn::Set(f, float(most_across))), hn::Le(down, hn::Set(f, float(most_down)))),
+                    hn::And(hn::Gt(area(c, 0, 1, 3), zero), hn::Gt(area(c, 2, 3, 1), zero)));
         const auto drawn_cell = hn::RebindMask(d, hn::And(reached, plain));
         auto kind = hn::IfThenElse(hn::RebindMask(d, hn::Or(whole, empty)), hn::Zero(d), hn::Set(d, int32_t(split)));
         kind = hn::IfThenElse(hn::RebindMask(d, reached), hn::Set(d, int32_t(wide)), kind);
@@ -127,8 +128,8 @@ void cells(const Row& above, const Row& below, float u0, float v0, const Window&
                 owns12 = owns(c, 1, 2);
         const V u = hn::Add(hn::Iota(f, float(i)), hn::Set(f, u0)), v = hn::Set(f, v0);
         auto hits = hn::Zero(d);
-        for (int k = 0; k < 4; ++k) {
-            const V dx = hn::Set(f, float(k & 1)), dy = hn::Set(f, float(k >> 1));
+        for (int k = 0; k < slots; ++k) {
+            const V dx = hn::Set(f, float(k % most_across)), dy = hn::Set(f, float(k / most_across));
             const M there = hn::And(hn::RebindMask(f, drawn_cell), hn::And(hn::Lt(dx, across), hn::Lt(dy, down)));
             if (hn::AllFalse(f, there)) continue;
             const V px = hn::Add(x0, dx), py = hn::Add(y0, dy);
