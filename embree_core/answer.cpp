@@ -54,6 +54,9 @@ std::vector<std::filesystem::path> input_files(const Recipe& recipe, const Reque
     return files;
 }
 
+FrameFiles::FrameFiles(const Recipe& recipe) : recipe_(recipe), room_(std::make_unique<ViewRoom>()) {}
+FrameFiles::~FrameFiles() = default;
+
 void FrameFiles::keep_frame(int frame) {
     if (frame == frame_) return;
     depths_.clear();

@@ -42,27 +42,19 @@ void check_method(const std::string& name) {
                                              "network (nearest: " + nearest_word(name, names) + ")");
 }
 
-/// The seam's colors with the depth of the whole rig's warp, as a warp: what the seam has no color for is a hole, and
-/// where it alone has one the depth is not known.
+/// The seam as a warp: what it has no color for is a hole.
 Channels warp_of_seam(const Recipe& recipe, Request request, FrameFiles& files) {
-    request.from = Source::rig;
-    Channels out = answer(recipe, request, files).image;
     request.out = "seam";
-    const Channels seam = answer(recipe, request, files).image;
-    std::vector<float>*planes[4], *depth = nullptr;
-    for (size_t c = 0; c < out.names.size(); ++c) {
-        const size_t to = std::string("RGB").find(out.names[c]);
-        if (out.names[c].size() == 1 && to < 3) planes[to] = &out.planes[c];
-        if (out.names[c] == "Z") depth = &out.planes[c];
-        if (out.names[c] == "hole") planes[3] = &out.planes[c];
-    }
-    const std::vector<float>& source = seam.plane("source");
-    for (size_t i = 0; i < source.size(); ++i) {
-        const bool missing = source[i] < 0;
-        if (!missing && (*planes[3])[i] > 0.5f) (*depth)[i] = std::numeric_limits<float>::quiet_NaN();
-        (*planes[3])[i] = missing;
-    }
-    *planes[0] = seam.plane("R"), *planes[1] = seam.plane("G"), *planes[2] = seam.plane("B");
+    request.from = Source::self;
+    Answer seam = answer(recipe, request, files);
+    Channels out;
+    out.width = seam.image.width, out.height = seam.image.height;
+    out.metadata = seam.image.metadata;
+    for (const char* name : {"R", "G", "B"}) out.add(name, seam.image.plane(name));
+    out.add("Z", std::move(seam.seam_z));
+    std::vector<float> hole = seam.image.plane("source");
+    for (float& source : hole) source = source < 0;
+    out.add("hole", std::move(hole));
     return out;
 }
 
@@ -116,6 +108,9 @@ public:
         auto pairs = options.request;
         pairs.emplace_back("out", "warp");
         base_ = resolve_request(recipe_, pairs);
+        // A sample that mixes both sides of an edge is nearer to the truth than what a fill puts there (measured.md). A
+        // seam drops it where a neighbour has a better one.
+        if (!options.seam) base_.edge = "keep";
         for (const std::string& method : options.methods) {
             check_method(method);
             if (std::count(options.methods.begin(), options.methods.end(), method) > 1)
