@@ -61,6 +61,10 @@ NetworkLibrary load() {
     look_up(handle, "vshift_inpaint_stream_open", l.stream_open);
     look_up(handle, "vshift_inpaint_stream_free", l.stream_free);
     look_up(handle, "vshift_inpaint_stream_next", l.stream_next);
+    look_up(handle, "vshift_depth_train", l.depth_train);
+    look_up(handle, "vshift_depth_model_open", l.depth_model_open);
+    look_up(handle, "vshift_depth_model_free", l.depth_model_free);
+    look_up(handle, "vshift_depth_of", l.depth_of);
     return l;
 }
 
