@@ -187,6 +187,10 @@ void vshift_inpaint_model_free(vshift_inpaint_model* model) {
     delete model;
 }
 
+int32_t vshift_inpaint_model_piece(const vshift_inpaint_model* model) {
+    return model ? int32_t(piece_frames(model->model.config)) : 1;
+}
+
 const char* vshift_inpaint_model_config(const vshift_inpaint_model* model) {
     return model ? model->config.c_str() : "";
 }

@@ -18,6 +18,7 @@ struct NetworkLibrary {
     decltype(&vshift_inpaint_train) train;
     decltype(&vshift_inpaint_model_open) model_open;
     decltype(&vshift_inpaint_model_free) model_free;
+    decltype(&vshift_inpaint_model_piece) model_piece;
     decltype(&vshift_inpaint_model_config) model_config;
     decltype(&vshift_inpaint_stream_open) stream_open;
     decltype(&vshift_inpaint_stream_free) stream_free;
