@@ -54,8 +54,14 @@ int vshift_depth_train(const char* options_json, vshift_depth_sample sample, vsh
                 if (sample(user, number, &v) != 0)
                     throw Error(ExitCode::bad_input, "train: sample " + std::to_string(number) + ": got none, expected one");
                 check_size(v);
-                seen.push_back(depth_input(plane(v.color, 3, v, "color"), depth_rays(camera_of(v), v.height, v.width)));
-                truth.push_back(plane(v.inverse_depth, 1, v, "inverse_depth"));
+                // What the network cannot halve as often as it does is left out.
+                const int64_t side = unet_side(model.config.unet), h = v.height - v.height % side, w = v.width - v.width % side;
+                if (h == 0 || w == 0)
+                    throw Error(ExitCode::bad_input, "train: width: got pictures of " + std::to_string(v.width) + "x" + std::to_string(v.height) +
+                                                         ", expected at least " + std::to_string(side) + " pixels a side");
+                const auto part = [&](const Tensor& t) { return t.narrow(2, 0, h).narrow(3, 0, w); };
+                seen.push_back(part(depth_input(plane(v.color, 3, v, "color"), depth_rays(camera_of(v), v.height, v.width))));
+                truth.push_back(part(plane(v.inverse_depth, 1, v, "inverse_depth")));
             }
             const at::Device device = weights.begin()->second.device();
             return depth_loss(depth_forward(model.config, weights, at::cat(seen, 0).to(device)), at::cat(truth, 0).to(device));

@@ -76,7 +76,7 @@ struct DepthSums {
             const bool is = is_sky(truth.data[i]), said = is_sky(got.data[i]);
             ++(is ? said ? sky.true_positive : sky.false_negative : said ? sky.false_positive : sky.true_negative);
             if (truth.data[i] <= judged_to_m && is_measured(truth.data[i]))
-                ratios.push_back(std::min(is_measured(got.data[i]) ? double(got.data[i]) : 1e3, 1e3) / double(truth.data[i]));
+                ratios.push_back(std::min(is_measured(got.data[i]) ? double(got.data[i]) : judged_to_m, judged_to_m) / double(truth.data[i]));
         }
         if (ratios.empty()) return;
         const double scale = quantile(ratios, 0.5);

@@ -19,14 +19,13 @@ struct DepthJudgeOptions {
     int frame = 20;
 };
 
-/// {"depth": over all pixels whose true depth is at most 80 m: abs_rel (mean |z' - z| / z), delta1 (share within a factor
-///   of 1.25), scale (median over views of the median of z' / z) and its spread (5 %, 95 %), abs_rel after the median's
-///   scale is taken out; sky_f1; edges (a step of 1/z of more than 10 % to the right or lower neighbour): precision,
-///   recall, F1 within 1.5 px, and the median distance of a true edge from the nearest found one in px;
-///  "masks": per shift size and source of depth (exact, mono = the estimator, mono_like = vshift bench's model of such
-///   errors): precision, recall, F1 of `occluded` against the scene inside V's picture, pooled, with a 95 % interval by
-///   bootstrap over streets;
-///  "streets": the sums of each}.
+/// {"depth": over all pixels whose true depth is at most 80 m, estimates beyond that (sky too) taken as 80 m: abs_rel
+///   (mean |z' - z| / z), delta1 (share within a factor of 1.25), scale (median over views of the median of z' / z) and
+///   its spread (5 %, 95 %), abs_rel after each view's scale is taken out; sky_f1; edges (1/z steps by more than 20 % to
+///   the right or lower neighbour, the nearer within 50 m): precision, recall, F1 within 1.5 px, and the median distance
+///   of a true edge from the nearest found one in px;
+///  "masks": per shift size and source of depth (exact, or mono: the estimator): precision, recall, F1 of `occluded`
+///   against the scene inside V's picture, pooled, with a 95 % interval by bootstrap over streets}.
 nlohmann::ordered_json judge_depth(const DepthJudgeOptions& options, const std::function<void(size_t, size_t)>& show);
 
 /// "depth" and "masks" as lines for a terminal.

@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import subprocess
+import sys
 import tempfile
 import unittest
 from pathlib import Path
@@ -57,6 +58,25 @@ class Streams(unittest.TestCase):
                     self.assertEqual(self.results(street), whole, f"after frames {list(lost)} were lost")
                     for f, time in kept.items():
                         self.assertEqual((street / f).stat().st_mtime_ns, time, f"{f} was there and was written again")
+
+    def test_a_long_drive_needs_no_more_memory(self):
+        recipe = json.loads((self.folder / "set" / "set.vshift").read_text())
+        camera = next(c for c in recipe["cameras"] if c["name"] == "CAM_FRONT")
+        recipe["cameras"] = [{**camera, "image": camera["image"].replace("%04d", "0000"), "depth": camera["depth"].replace("%04d", "0000")}]
+        peaks = []
+        for frames in (13, 97):
+            recipe["frames"] = [{"index": i, "rotation": [1, 0, 0, 0], "translation": [0, 0, 0]} for i in range(frames)]
+            drive = self.folder / "set" / f"drive{frames}.vshift"
+            drive.write_text(json.dumps(recipe))
+            out = self.folder / f"drive{frames}"
+            process = subprocess.Popen([VSHIFT, "inpaint", str(drive), "--all-frames", "--shift", "0,2,0", "--method", "network", "--model",
+                                        str(self.folder / "latents.safetensors"), "--out-dir", str(out)], stderr=subprocess.DEVNULL)
+            _, status, usage = os.wait4(process.pid, 0)
+            self.assertEqual(status, 0)
+            self.assertEqual(len(list(out.rglob("*.exr"))), frames)
+            peaks.append(usage.ru_maxrss / 1024)
+        print(f"peak memory of 13 and 97 frames: {peaks[0]:.0f} and {peaks[1]:.0f} MB", file=sys.stderr)
+        self.assertLess(peaks[1], 1.1 * peaks[0])
 
     def test_the_past_counts(self):
         # What a frame was made from includes the frames before it; and it shows in the pixels.
