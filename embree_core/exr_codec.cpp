@@ -77,9 +77,11 @@ std::string reason_of(const std::exception& e) {
     return text.empty() ? "no reason given" : text.substr(0, std::min(text.find('\n'), size_t(200)));
 }
 
-Imf::Slice slice(Imf::PixelType type, void* samples, int width) {
+/// A plane of `width` whose first pixel is the window's first, which need not be (0, 0): OpenEXR counts from there.
+Imf::Slice slice(Imf::PixelType type, void* samples, int width, const Imath::V2i& first = {0, 0}) {
     const size_t size = type == Imf::HALF ? sizeof(half) : sizeof(float);
-    return {type, static_cast<char*>(samples), size, size * size_t(width)};
+    const auto before = (int64_t(first.y) * width + first.x) * int64_t(size);
+    return {type, static_cast<char*>(samples) - before, size, size * size_t(width)};
 }
 
 }  // namespace
@@ -106,7 +108,7 @@ void decode_exr(const fs::path& file, const std::string& bytes, const std::vecto
         out.image.planes.assign(names.size(), std::vector<float>(size_t(width) * size_t(height)));
         Imf::FrameBuffer frame;
         for (size_t c = 0; c < names.size(); ++c)
-            frame.insert(names[c], slice(Imf::FLOAT, out.image.planes[c].data(), width));
+            frame.insert(names[c], slice(Imf::FLOAT, out.image.planes[c].data(), width, window.min));
         field = "pixels";
         in.setFrameBuffer(frame);
         in.readPixels(window.min.y, window.max.y);
