@@ -71,8 +71,8 @@ class Streams(unittest.TestCase):
             out = self.folder / f"drive{frames}"
             process = subprocess.Popen([VSHIFT, "inpaint", str(drive), "--all-frames", "--shift", "0,2,0", "--method", "network", "--model",
                                         str(self.folder / "latents.safetensors"), "--out-dir", str(out)], stderr=subprocess.DEVNULL)
-            _, status, usage = os.wait4(process.pid, 0)
-            self.assertEqual(status, 0)
+            _, process.returncode, usage = os.wait4(process.pid, 0)
+            self.assertEqual(process.returncode, 0)
             self.assertEqual(len(list(out.rglob("*.exr"))), frames)
             peaks.append(usage.ru_maxrss / 1024)
         print(f"peak memory of 13 and 97 frames: {peaks[0]:.0f} and {peaks[1]:.0f} MB", file=sys.stderr)
