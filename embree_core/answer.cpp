@@ -48,11 +48,14 @@ std::vector<const CameraSpec*> cameras_used(const Recipe& recipe, const Request&
 std::vector<std::filesystem::path> input_files(const Recipe& recipe, const Request& request) {
     std::vector<std::filesystem::path> files;
     for (const CameraSpec* camera : cameras_used(recipe, request)) {
-        files.push_back(recipe.path(camera->depth, request.frame));
+        if (!camera->depth.empty()) files.push_back(recipe.path(camera->depth, request.frame));
         if (has_colors(request) && !camera->image.empty()) files.push_back(recipe.path(camera->image, request.frame));
     }
     return files;
 }
+
+FrameFiles::FrameFiles(const Recipe& recipe) : recipe_(recipe), room_(std::make_unique<ViewRoom>()) {}
+FrameFiles::~FrameFiles() = default;
 
 void FrameFiles::keep_frame(int frame) {
     if (frame == frame_) return;
@@ -66,6 +69,9 @@ const DepthMap& FrameFiles::depth(const Request& request, const std::string& cam
     keep_frame(request.frame);
     if (!depths_.contains(camera)) {
         const CameraSpec& spec = recipe_.camera(camera);
+        if (spec.depth.empty())
+            throw Error(ExitCode::bad_input, recipe_.file.string() + ": " + camera +
+                                                 ": depth: got nothing, expected a depth map (vshift depth makes one from pictures)");
         depths_[camera] = read_depth(recipe_.path(spec.depth, request.frame), spec.depth_channel, spec.depth_scale_m,
                                      spec.intrinsics.width, spec.intrinsics.height, &stored_[camera]);
     }

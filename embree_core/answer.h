@@ -4,6 +4,7 @@
 // they give the same pixels.
 #pragma once
 #include <map>
+#include <memory>
 #include <string>
 
 #include "embree_core/image_file.h"
@@ -11,16 +12,21 @@
 
 namespace vshift {
 
-/// Depth maps and pictures that several requests of one frame share. Not safe across threads.
+struct ViewRoom;
+
+/// Depth maps and pictures that several requests of one frame share, and the memory in which views are made, which the
+/// next one uses again. Not safe across threads.
 class FrameFiles {
 public:
-    explicit FrameFiles(const Recipe& recipe) : recipe_(recipe) {}
+    explicit FrameFiles(const Recipe& recipe);
+    ~FrameFiles();
     /// Ready to lift: what is estimated from pictures has its silhouettes snapped.
     const DepthMap& depth(const Request& request, const std::string& camera);
     /// Of a depth map that has been read: as the request, else the recipe, else the file says.
     DepthSource depth_source(const Request& request, const std::string& camera) const;
     DepthRules depth_rules(const Request& request, const std::string& camera) const;
     const ColorImage& color(const std::string& camera, int frame);
+    ViewRoom& room() { return *room_; }
 
 private:
     void keep_frame(int frame);
@@ -29,6 +35,7 @@ private:
     std::map<std::string, DepthMap> depths_, snapped_;
     std::map<std::string, SampleType> stored_;
     std::map<std::string, ColorImage> colors_;
+    std::unique_ptr<ViewRoom> room_;
 };
 
 struct AnswerTimes {
@@ -37,6 +44,7 @@ struct AnswerTimes {
 
 struct Answer {
     Channels image;           ///< channels as in contract order; metadata says what was asked and counted
+    std::vector<float> seam_z;  ///< of a seam in the shifted view: Z of what it shows; inf sky, NaN nothing
     uint64_t invalid_px = 0;  ///< pixels of the own depth map without a measurement
     uint64_t sky_px = 0;
     uint64_t kept_quads = 0, torn_quads = 0;  ///< over all views that were lifted

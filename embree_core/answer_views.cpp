@@ -5,7 +5,6 @@
 #include <glm/gtc/quaternion.hpp>
 #include <memory>
 
-#include "embree_core/condition.h"
 #include "embree_core/holes.h"
 #include "embree_core/sweep.h"
 
@@ -34,27 +33,28 @@ void add_colors(const ColorImage& color, Channels& image) {
 struct Rig {
     std::vector<const CameraSpec*> cameras;
     int own = 0;
-    std::vector<SurfaceView> surfaces;
-    LiftedRig lifted;  ///< with method=embree
+    std::vector<SurfaceView>& surfaces;
+    LiftedRig lifted{};  ///< with method=embree
 };
 
 /// `target_centre_m`: the centre of the camera that the surfaces are seen from, which decides their tears.
 Rig read_rig(const Recipe& recipe, const Views& views, const Request& request, FrameFiles& files,
              const glm::dvec3& target_centre_m, Answer& out) {
-    Rig rig;
-    rig.cameras = cameras_used(recipe, request);
-    for (const CameraSpec* camera : rig.cameras) {
+    Rig rig{cameras_used(recipe, request), 0, files.room().surfaces};
+    rig.surfaces.resize(rig.cameras.size());
+    for (size_t i = 0; i < rig.cameras.size(); ++i) {
+        const CameraSpec* camera = rig.cameras[i];
         auto start = Clock::now();
         const DepthMap& depth = files.depth(request, camera->name);
         if (has_colors(request)) files.color(camera->name, request.frame);
         out.times.read_ms += ms_since(start);
         start = Clock::now();
-        if (camera->name == views.own.name) rig.own = int(rig.surfaces.size());
+        if (camera->name == views.own.name) rig.own = int(i);
         // The own camera is torn for V in both views: its tears bound what the shift can show.
         const glm::dvec3 centre_m =
             camera->name == views.own.name ? views.shifted.world_from_cam.translation_m : target_centre_m;
-        rig.surfaces.push_back(surface_view(camera->intrinsics, recipe.world_from_cam(camera->name, request.frame),
-                                            depth, centre_m, files.depth_rules(request, camera->name)));
+        surface_view(camera->intrinsics, recipe.world_from_cam(camera->name, request.frame), depth, centre_m,
+                     files.depth_rules(request, camera->name), rig.surfaces[i]);
         out.times.lift_ms += ms_since(start);
     }
     const SurfaceView& own = rig.surfaces[size_t(rig.own)];
@@ -76,7 +76,8 @@ void holes_answer(const Recipe& recipe, const Views& views, const Request& reque
     const Rig rig =
         read_rig(recipe, views, request, files, views.shifted.world_from_cam.translation_m, out);
     const auto start = Clock::now();
-    std::vector<Reprojection> shown(rig.surfaces.size());
+    std::vector<Reprojection>& shown = files.room().shown;
+    shown.resize(rig.surfaces.size());
     std::vector<RigView> rig_views;
     for (size_t i = 0; i < shown.size(); ++i) {
         bool any = true;
@@ -142,6 +143,7 @@ void seam_answer(const Recipe& recipe, const Views& views, const Request& reques
     SeamOptions options;
     options.depth_tolerance = request.depth_tolerance;
     options.edge = request.edge == "drop" ? EdgeBand::drop : EdgeBand::keep;
+    options.depth = !condition;
     std::vector<SeamCamera> cameras(rig.cameras.size());
     std::vector<std::unique_ptr<BentView>> bent(rig.cameras.size());
     std::vector<ColorImage> exposed(rig.cameras.size());
@@ -172,14 +174,19 @@ void seam_answer(const Recipe& recipe, const Views& views, const Request& reques
                 cameras[i].gain *= fitted_gain(cameras[size_t(rig.own)], cameras[i], request.depth_tolerance,
                                                request.match == "color");
 
-    Seam seam;
+    ShiftedSeam& shifted = files.room().seam;
+    Seam& seam = shifted.seam;
     if (arm == "splat") {
         seam = splatted_seam(cameras, rig.own, views.shifted);
     } else if (arm == "literal") {
-        seam = literal_seam(*cameras[size_t(rig.own)].image, seam_shifted(cameras, rig.own, views.shifted, options),
-                            rig.own);
+        seam_shifted(cameras, rig.own, views.shifted, options, shifted);
+        seam = literal_seam(*cameras[size_t(rig.own)].image, shifted, rig.own);
     } else if (!recorded) {
-        seam = seam_shifted(cameras, rig.own, views.shifted, options).seam;
+        seam_shifted(cameras, rig.own, views.shifted, options, shifted);
+        if (options.depth) {
+            out.seam_z = shifted.inverse_depth.data;
+            for (float& w : out.seam_z) w = 1 / w;
+        }
     } else {
         const SurfaceView& surface = rig.surfaces[size_t(rig.own)];
         const SweepCamera camera{views.own.intrinsics, views.shifted.intrinsics,
@@ -208,11 +215,12 @@ void seam_answer(const Recipe& recipe, const Views& views, const Request& reques
     }
     Channels& image = out.image;
     if (condition) {
-        Condition c = condition_of(std::move(seam), rig.own, request.stride);
+        Condition& c = files.room().condition;
+        condition_of(seam, rig.own, request.stride, c);
         add_colors(c.color, image);
-        image.add("own", std::move(c.own.data));
-        image.add("neighbor", std::move(c.neighbor.data));
-        image.add("hole", std::move(c.hole.data));
+        image.add("own", c.own.data);
+        image.add("neighbor", c.neighbor.data);
+        image.add("hole", c.hole.data);
         image.metadata["vshift.arm"] = arm;
         image.metadata["vshift.stride"] = std::to_string(request.stride);
     } else {

@@ -4,6 +4,7 @@
 #include <chrono>
 
 #include "embree_core/answer.h"
+#include "embree_core/condition.h"
 #include "embree_core/view.h"
 
 namespace vshift {
@@ -22,6 +23,14 @@ struct Views {
     const CameraSpec& own;
     Pose world_from_own;
     ShiftedCamera shifted;
+};
+
+/// Memory of earlier views.
+struct ViewRoom {
+    std::vector<SurfaceView> surfaces;
+    std::vector<Reprojection> shown;
+    ShiftedSeam seam;
+    Condition condition;
 };
 
 bool has_colors(const Request& request);

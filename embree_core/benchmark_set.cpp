@@ -98,18 +98,14 @@ fs::path item_path(const std::string& shift, int frame, const std::string& camer
     return fs::path(shift) / index / (camera + ".exr");
 }
 
-std::string sha256_of_file(const fs::path& file) {
-    const std::unique_ptr<std::FILE, int (*)(std::FILE*)> in(std::fopen(file.c_str(), "rb"), std::fclose);
-    if (!in)
-        throw Error(ExitCode::io_failed,
-                    file.string() + ": file: got " + std::strerror(errno) + ", expected a readable file");
+namespace {
+
+/// Of what `feed` hands to the function it is given, piece by piece.
+template <class Feed>
+std::string sha256(Feed feed) {
     const std::unique_ptr<EVP_MD_CTX, void (*)(EVP_MD_CTX*)> digest(EVP_MD_CTX_new(), EVP_MD_CTX_free);
     EVP_DigestInit_ex(digest.get(), EVP_sha256(), nullptr);
-    std::vector<char> block(size_t(1) << 20);
-    while (const size_t count = std::fread(block.data(), 1, block.size(), in.get()))
-        EVP_DigestUpdate(digest.get(), block.data(), count);
-    if (std::ferror(in.get()))
-        throw Error(ExitCode::io_failed, file.string() + ": file: got a read error, expected its bytes");
+    feed([&](const char* data, size_t count) { EVP_DigestUpdate(digest.get(), data, count); });
     unsigned char bytes[EVP_MAX_MD_SIZE];
     unsigned int size = 0;
     EVP_DigestFinal_ex(digest.get(), bytes, &size);
@@ -119,6 +115,25 @@ std::string sha256_of_file(const fs::path& file) {
         text += "0123456789abcdef"[bytes[i] & 15];
     }
     return text;
+}
+
+}  // namespace
+
+std::string sha256_of(const std::string& bytes) {
+    return sha256([&](auto add) { add(bytes.data(), bytes.size()); });
+}
+
+std::string sha256_of_file(const fs::path& file) {
+    const std::unique_ptr<std::FILE, int (*)(std::FILE*)> in(std::fopen(file.c_str(), "rb"), std::fclose);
+    if (!in)
+        throw Error(ExitCode::io_failed,
+                    file.string() + ": file: got " + std::strerror(errno) + ", expected a readable file");
+    return sha256([&](auto add) {
+        std::vector<char> block(size_t(1) << 20);
+        while (const size_t count = std::fread(block.data(), 1, block.size(), in.get())) add(block.data(), count);
+        if (std::ferror(in.get()))
+            throw Error(ExitCode::io_failed, file.string() + ": file: got a read error, expected its bytes");
+    });
 }
 
 Manifest::Manifest(const fs::path& set_dir) : folder_(set_dir), data_(read_manifest(set_dir / "manifest.json")) {}

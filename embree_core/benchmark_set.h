@@ -22,6 +22,7 @@ std::string shift_name(const Shift& shift);
 /// SHIFT/FFFF/CAMERA.exr
 std::filesystem::path item_path(const std::string& shift, int frame, const std::string& camera);
 
+std::string sha256_of(const std::string& bytes);
 std::string sha256_of_file(const std::filesystem::path& file);
 
 /// manifest.json beside the recipe. Every change takes the set's lock and rewrites the file whole.

@@ -8,13 +8,13 @@
 
 namespace vshift {
 
-Condition condition_of(Seam&& seam, int own, int stride) {
+void condition_of(Seam& seam, int own, int stride, Condition& out) {
     const int full_width = seam.color.width, full_height = seam.color.height;
     const int width = (full_width + stride - 1) / stride, height = (full_height + stride - 1) / stride;
-    Condition out;
-    for (Grid<float>* share : {&out.own, &out.neighbor, &out.hole}) *share = Grid<float>(width, height);
+    for (Grid<float>* share : {&out.own, &out.neighbor, &out.hole})
+        if (share->width != width || share->height != height) *share = Grid<float>(width, height);
     if (stride == 1) {
-        out.color = std::move(seam.color);
+        std::swap(out.color, seam.color);
         tbb::parallel_for(0, height, [&](int y) {
             const size_t begin = size_t(y) * size_t(width), end = begin + size_t(width);
             for (size_t i = begin; i < end; ++i) {
@@ -24,9 +24,9 @@ Condition condition_of(Seam&& seam, int own, int stride) {
                 out.hole.data[i] = source < 0;
             }
         });
-        return out;
+        return;
     }
-    out.color = ColorImage(width, height);
+    if (out.color.width != width || out.color.height != height) out.color = ColorImage(width, height);
     tbb::parallel_for(0, height, [&](int by) {
         for (int bx = 0; bx < width; ++bx) {
             const int x1 = std::min((bx + 1) * stride, full_width), y1 = std::min((by + 1) * stride, full_height);
@@ -44,7 +44,6 @@ Condition condition_of(Seam&& seam, int own, int stride) {
             out.hole.at(bx, by) = float(hole_px) / float(count);
         }
     });
-    return out;
 }
 
 void warp_twice(const SurfaceView& own, const ShiftedCamera& shifted, const Warped& warped, const Reprojection& shown,

@@ -10,10 +10,13 @@ struct Condition {
     ColorImage color;
     Grid<float> own, neighbor, hole;
 };
-/// At a stride: means over blocks of stride x stride pixels, fewer at the right and lower borders.
-Condition condition_of(Seam&& seam, int own, int stride = 1);
-inline Condition condition_of(const Seam& seam, int own, int stride = 1) {
-    return condition_of(Seam(seam), own, stride);
+/// At a stride: means over blocks of stride x stride pixels, fewer at the right and lower borders. `out` may be of an
+/// earlier frame: its memory is used again. At stride 1 its colours change places with the seam's, without a copy.
+void condition_of(Seam& seam, int own, int stride, Condition& out);
+inline Condition condition_of(Seam seam, int own, int stride = 1) {
+    Condition out;
+    condition_of(seam, own, stride, out);
+    return out;
 }
 
 /// Ablation "double_warp": what is not lost is warped R -> V -> R, so that training sees resampled pixels as inference

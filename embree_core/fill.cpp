@@ -8,6 +8,7 @@
 #include <cmath>
 #include <limits>
 
+#include "embree_core/pictures.h"
 #include "embree_core/recipe.h"
 
 namespace vshift {
@@ -114,6 +115,11 @@ ColorImage fill(const HoledView& view, FillMethod method) {
         default:
             return fill_background(view);
     }
+}
+
+ColorImage fill_pushpull(const HoledView& view) {
+    check(view);
+    return pictures().fill_pushpull(view);
 }
 
 ColorImage fill_background(const HoledView& view) {

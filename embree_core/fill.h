@@ -36,7 +36,7 @@ ColorImage fill(const HoledView& view, FillMethod method);
 /// its four neighbours among the holes, twice.
 ColorImage fill_background(const HoledView& view);
 
-/// OpenImageIO's fillholes_pushpull (image_file_fill.cpp).
+/// OpenImageIO's fillholes_pushpull (pictures.h).
 ColorImage fill_pushpull(const HoledView& view);
 
 /// OpenCV's inpaint, Telea's fast marching or Navier-Stokes, over `radius_px` (fill_peers.cpp). Both work on 8-bit

@@ -34,6 +34,18 @@ struct Claim {
     bool big_endian = false;
 };
 
+/// Samples as stored: a sample divided by `unit_top` is the 0..1 value (1 for float files).
+struct Decoded {
+    Claim claim;
+    Channels image;
+    double unit_top = 1;
+};
+
+/// `got Depth, expected one of R, G, B, Z (nearest: Z)`.
+std::string unknown_channel(const std::string& name, const std::vector<std::string>& names);
+/// Whether a text attribute describes the encoding, not the picture.
+bool is_encoding_key(const std::string& key);
+
 /// Reads the header from the first bytes of a file of `file_size` bytes. Empty when the header goes
 /// on past `head`: call again with more. Throws Error bad_input for an unknown or broken file.
 std::optional<Claim> read_claim(const std::filesystem::path& file, std::string_view head, uint64_t file_size);

@@ -5,9 +5,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <limits>
 
+#include "embree_core/lift_kernels.h"
 #include "embree_core/mesh_builder.h"
 
 namespace vshift {
@@ -87,55 +87,65 @@ void snap_pixels(LiftedMesh& mesh, const CellPlan& plan) {
     });
 }
 
+/// The least step of 1/z that shows: `torn_between`'s first test, the same for every float.
+float least_step(double px_per_inverse_depth, double tear_px) {
+    const float infinite = std::numeric_limits<float>::infinity();
+    const auto shows = [&](float step) { return px_per_inverse_depth * double(step) > tear_px; };
+    if (!(px_per_inverse_depth > 0)) return infinite;
+    float step = float(tear_px / px_per_inverse_depth);
+    while (step > 0 && shows(step)) step = std::nextafter(step, 0.0f);
+    while (step < infinite && !shows(step)) step = std::nextafter(step, infinite);
+    return step;
+}
+
 }  // namespace
 
 void find_tears(const Intrinsics& intrinsics, const Grid<float>& w, const LiftOptions& options, Grid<uint8_t>& tears) {
     const float nan = std::numeric_limits<float>::quiet_NaN();
     if (tears.width != w.width || tears.height != w.height) tears = Grid<uint8_t>(w.width, w.height, 0);
     const double fx_b = intrinsics.fx * options.baseline_m, fy_b = intrinsics.fy * options.baseline_m;
-    // Steps up to here are smaller than tear_px for sure: most pixels need no second look.
-    const auto surely_small = [&](double scale) { return float(options.rules.tear_px / scale * (1 - 1e-5)); };
-    const float small_x = surely_small(fx_b), small_y = surely_small(fy_b);
+    const DepthRules& rules = options.rules;
+    const auto rule = [&](double scale) {
+        return lifting::TearRule{least_step(scale, rules.tear_px), float(rules.tear_break), float(rules.crease_break),
+                                 rules.error.constant, rules.error.relative, rules.error.squared};
+    };
+    const lifting::TearRule across = rule(fx_b), down = rule(fy_b);
+    const std::vector<float> beyond(size_t(w.width), nan);
     tbb::parallel_for(0, w.height, [&](int y) {
         const auto value = [&](int x, int row) {
             return x < 0 || row < 0 || x >= w.width || row >= w.height ? nan : w.at(x, row);
         };
-        const float* own = &w.data[size_t(y) * size_t(w.width)];
-        const float* under = y + 1 < w.height ? own + w.width : own;
+        const auto row_at = [&](int row) {
+            return row < 0 || row >= w.height ? beyond.data() : &w.data[size_t(row) * size_t(w.width)];
+        };
+        const float* own = row_at(y);
         uint8_t* row = &tears.data[size_t(y) * size_t(w.width)];
-        // In two passes, of which the first is a vector loop.
-        const int last = w.width - 1;
-        const float step_x = small_x, step_y = small_y;
-        for (int x = 0; x < last; ++x) {
-            const float a = own[x], right = own[x + 1], below = under[x];
-            const int flat = (std::fabs(right - a) <= step_x) & (std::fabs(below - a) <= step_y);
-            row[x] = uint8_t(1 ^ (flat & (a > 0) & (right > 0) & (below > 0)));
-        }
-        row[w.width - 1] = 1;
-        for (int x = 0; x < w.width; ++x) {
-            if (uint64_t eight = 1; x + 8 <= w.width) {
-                std::memcpy(&eight, row + x, 8);
-                if (eight == 0) {
-                    x += 7;
-                    continue;
-                }
-            }
-            if (!row[x]) continue;
+        const auto one = [&](int x) {
             const float a = own[x];
             const auto torn = [&](float b, float before, float after, double scale) {
                 if (std::isnan(b)) return false;  // no such pixel, or no measurement: never joined anyway
                 if ((a > 0) != (b > 0)) return true;
-                return torn_between(before, a, b, after, scale, options.rules);
+                return torn_between(before, a, b, after, scale, rules);
             };
             uint8_t bits = 0;
             if (torn(value(x + 1, y), value(x - 1, y), value(x + 2, y), fx_b)) bits |= 1;
             if (torn(value(x, y + 1), value(x, y - 1), value(x, y + 2), fy_b)) bits |= 2;
             row[x] = bits;
-        }
+        };
+        // The kernel looks one pixel back and two ahead.
+        const size_t inner = w.width > 3 ? lifting::kernels().tears(row_at(y - 1) + 1, own + 1, row_at(y + 1) + 1,
+                                                                    row_at(y + 2) + 1, size_t(w.width) - 3, across,
+                                                                    down, row + 1)
+                                         : 0;
+        one(0);
+        for (int x = 1 + int(inner); x < w.width; ++x) one(x);
     });
 }
 
-SplitCell split_cell(const SurfaceField& f, int cx, int cy) {
+namespace {
+
+template <bool inner>
+SplitCell split(const SurfaceField& f, int cx, int cy) {
     SplitCell cell;
     for (int c = 0; c < 4; ++c) {
         const int x = cx + corner_dx[c], y = cy + corner_dy[c];
@@ -146,9 +156,9 @@ SplitCell split_cell(const SurfaceField& f, int cx, int cy) {
         const int n = (c + 1) % 4;
         const int x0 = cx + corner_dx[c], y0 = cy + corner_dy[c];
         const int x1 = cx + corner_dx[n], y1 = cy + corner_dy[n];
-        cell.joined_next[c] = f.joined(x0, y0, x1, y1);
-        if (cell.state[c] == Pixel::solid) cell.towards_next[c] = f.half_edge(x0, y0, x1 - x0, y1 - y0);
-        if (cell.state[n] == Pixel::solid) cell.towards_last[n] = f.half_edge(x1, y1, x0 - x1, y0 - y1);
+        cell.joined_next[c] = f.joined<inner>(x0, y0, x1, y1);
+        if (cell.state[c] == Pixel::solid) cell.towards_next[c] = f.half_edge<inner>(x0, y0, x1 - x0, y1 - y0);
+        if (cell.state[n] == Pixel::solid) cell.towards_last[n] = f.half_edge<inner>(x1, y1, x0 - x1, y0 - y1);
     }
     for (int pass = 0; pass < 2; ++pass)
         for (int c = 0; c < 4; ++c)
@@ -173,6 +183,13 @@ SplitCell split_cell(const SurfaceField& f, int cx, int cy) {
         if (members) cell.centre[p] = std::clamp((rows[0] + rows[1]) / float(members), 0.5f * smallest, 2.0f * largest);
     }
     return cell;
+}
+
+}  // namespace
+
+SplitCell split_cell(const SurfaceField& f, int cx, int cy) {
+    const bool inner = cx > 0 && cy > 0 && cx + 2 < f.w.width && cy + 2 < f.w.height;
+    return inner ? split<true>(f, cx, cy) : split<false>(f, cx, cy);
 }
 
 void check_size(const Intrinsics& intrinsics, const DepthMap& depth) {

@@ -5,6 +5,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
+
+#include "embree_core/ray_filter.h"
 
 namespace vshift {
 namespace {
@@ -114,15 +117,10 @@ struct Finding {
 };
 
 /// What one camera alone can say about its own pixel's segment: any wall it passes hides something.
-Finding ask_own(const ViewedLine& line, const Stretch& stretch, const Interval& whole) {
-    Finding finding;
-    if (line.meets_surface(whole))
-        finding.answer = Answer::occluded;
-    else if (line.view->torn.passed(line.origin, line.direction, stretch.begin, stretch.end))
-        finding.answer = Answer::unknown;
-    // The frustum is convex and holds the other end, so the whole stretch is in it if this end is.
-    finding.unseen = stretch.begin < stretch.end && !in_frustum(line.view->mesh.intrinsics, stretch.shifted_end);
-    return finding;
+Answer ask_own(const ViewedLine& line, const Stretch& stretch, const Interval& whole) {
+    if (line.meets_surface(whole)) return Answer::occluded;
+    const bool passed = line.view->torn.passed(line.origin, line.direction, stretch.begin, stretch.end);
+    return passed ? Answer::unknown : Answer::visible;
 }
 
 /// What the whole rig can say where the own camera alone is not certain (method.md: carving).
@@ -165,13 +163,16 @@ Finding ask_rig(const LiftedRig& rig, const ViewedLine& own, const Stretch& stre
 
 }  // namespace
 
-RecordedMasks mask(const LiftedRig& rig, const ShiftedCamera& shifted, double clear_m) {
+RecordedMasks mask(const LiftedRig& rig, const ShiftedCamera& shifted, double clear_m, Casting casting) {
     const LiftedView& own = rig.views.at(size_t(rig.own));
     const Intrinsics& k = own.mesh.intrinsics;
     const Pose shifted_from_world = inverse(shifted.world_from_cam);
     const Pose shifted_from_own = compose(shifted_from_world, own.world_from_cam);
     const glm::dvec3 centre_world = shifted.world_from_cam.translation_m;
     const glm::dvec3 centre_own = inverse(own.world_from_cam).point(centre_world);
+    const bool still = glm::length(centre_own) < 1e-9;  // V sees what R saw
+    std::optional<RayFilter> filter;
+    if (casting == Casting::where_needed && !still) filter.emplace(own.mesh, centre_own);
 
     RecordedMasks out;
     for (Mask* m : {&out.lost, &out.occluded, &out.outside, &out.unknown, &out.unseen}) *m = Mask(k.width, k.height, 0);
@@ -210,8 +211,13 @@ RecordedMasks mask(const LiftedRig& rig, const ShiftedCamera& shifted, double cl
         }
         // The line starts at the mesh's own vertex to the bit.
         const ViewedLine line(own, stretch.origin, stretch.direction);
-        Finding finding = ask_own(line, stretch, whole);
-        if (!sky && faces_away(own.mesh, x, y, p, centre_own)) finding.answer = Answer::occluded;
+        Finding finding;
+        if (!still && !(filter && filter->sees(x, y))) {
+            finding.answer = ask_own(line, stretch, whole);
+            if (!sky && faces_away(own.mesh, x, y, p, centre_own)) finding.answer = Answer::occluded;
+        }
+        // The frustum is convex and holds the other end, so the whole stretch is in it if this end is.
+        finding.unseen = !still && stretch.begin < stretch.end && !in_frustum(k, stretch.shifted_end);
         const bool uncertain =
             finding.answer == Answer::unknown || (finding.answer == Answer::visible && finding.unseen);
         if (uncertain && rig.views.size() > 1) {

@@ -11,8 +11,12 @@ struct RecordedMasks {
     Mask lost, occluded, outside, unknown, unseen;
 };
 
+/// Whether pixels that V sees for sure (ray_filter.h) are asked by a ray all the same: slower, the same masks.
+enum class Casting { where_needed, everywhere };
+
 /// `clear_m`: radius of the ball round V's centre that is taken as free space (the ego must fit).
 /// With more than one view in the rig hidden space is carved by all of them.
-RecordedMasks mask(const LiftedRig& rig, const ShiftedCamera& shifted, double clear_m);
+RecordedMasks mask(const LiftedRig& rig, const ShiftedCamera& shifted, double clear_m,
+                   Casting casting = Casting::where_needed);
 
 }  // namespace vshift

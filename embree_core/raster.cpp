@@ -2,9 +2,12 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
+#include <cstring>
 #include <limits>
 
+#include "embree_core/lift_kernels.h"
 #include "embree_core/raster_map.h"
 #include "embree_core/surface_field.h"
 
@@ -24,10 +27,10 @@ using raster::reach_of;
 // Cells are taken in tiles, pixels of V in bands of rows. A band belongs to one task, and tiles come in order: the
 // result does not depend on who did what.
 constexpr int tile_columns = raster::most_cells, tile_rows = 16, band_rows = 64, block = 16;
-// Laid over the place of a back face until a band is finished: farther left than any image.
-constexpr float back_mark = 65536;
-// A wall stands before a surface when it is nearer by more than rounding; walls that meet leave no gap.
-constexpr float wall_margin = 1 + 1e-5f, wall_reach_px = 1.0f / 512;
+// Walls that meet leave no gap.
+constexpr float wall_reach_px = 1.0f / 512;
+static_assert(uint8_t(Sight::none) == raster::no_surface && uint8_t(Sight::seen) == raster::front &&
+              uint8_t(Sight::back_face) == raster::back && uint8_t(Sight::behind_wall) == raster::walled);
 
 /// Whether a pixel exactly on the edge a -> b belongs to the triangle on its inner side.
 bool owns_edge(float dx, float dy) {
@@ -132,33 +135,31 @@ public:
 
     /// Sky where nothing stands, and what walls hide.
     void finish(const ProjectiveMap& sky_map, const Intrinsics& recorded) {
+        const size_t n = size_t(out_.x1 - out_.x0);
+        std::vector<uint8_t> open(n);
+        const double right = recorded.width, bottom = recorded.height;
         for (int y = y0_; y < y1_; ++y) {
+            const size_t first = size_t(y) * size_t(width_) + size_t(out_.x0);
+            raster::kernels().settle(floor_ ? &floor_->data[first] : nullptr, &out_.wall[first], n,
+                                     &out_.inverse_depth.data[first], &out_.source_px.data[first].x,
+                                     reinterpret_cast<uint8_t*>(&out_.sight.data[first]), open.data());
+            if (view_.sky_px == 0) continue;
             const glm::dvec3 row = sky_map.turn[1] * (y + 0.5) + sky_map.turn[2];
-            for (int x = out_.x0; x < out_.x1; ++x) {
-                const size_t at = size_t(y) * size_t(width_) + size_t(x);
-                const float q = out_.inverse_depth.data[at];
-                if (const float floor = floor_ ? floor_->data[at] : 0; floor > 0 && q == floor) {
-                    out_.inverse_depth.data[at] = 0;
-                    out_.sight.data[at] = Sight::none;
-                    continue;
+            for (size_t i = 0; i < n; ++i) {
+                if (uint64_t eight; i + 8 <= n) {
+                    std::memcpy(&eight, &open[i], 8);
+                    if (eight == 0) {
+                        i += 7;
+                        continue;
+                    }
                 }
-                const bool wall = out_.wall[at] > q * wall_margin;
-                Sight& sight = out_.sight.data[at];
-                if (q > 0) {
-                    glm::vec2& source_px = out_.source_px.data[at];
-                    const bool back = source_px.x < 0.25f - 0.5f * back_mark;
-                    if (back) source_px.x += back_mark;
-                    sight = wall ? Sight::behind_wall : back ? Sight::back_face : Sight::seen;
-                    continue;
-                }
-                sight = wall ? Sight::behind_wall : Sight::none;
-                if (view_.sky_px == 0) continue;
-                const glm::dvec3 h = sky_map.turn[0] * (x + 0.5) + row;
+                if (!open[i]) continue;
+                const glm::dvec3 h = sky_map.turn[0] * (out_.x0 + int(i) + 0.5) + row;
                 if (!(h.z > 1e-9)) continue;
-                const glm::dvec2 u = glm::dvec2(h) * (1 / h.z);
-                if (!in_image(recorded, u) || field_.w.at(int(u.x), int(u.y)) != 0) continue;
-                out_.source_px.data[at] = glm::vec2(u);
-                if (!wall) sight = Sight::sky;
+                const double share = 1 / h.z, u = h.x * share, v = h.y * share;
+                if (!(u >= 0 && u < right && v >= 0 && v < bottom) || field_.w.at(int(u), int(v)) != 0) continue;
+                out_.source_px.data[first + i] = glm::vec2(float(u), float(v));
+                if (Sight& sight = out_.sight.data[first + i]; sight == Sight::none) sight = Sight::sky;
             }
         }
     }
@@ -198,14 +199,13 @@ private:
                 continue;
             }
             const size_t first = size_t(cells_.y[i]) * width + size_t(cells_.x[i]);
-            const int hits = cells_.hits[i];
-            for (int k = 0; hits >> k; ++k) {
-                if (!(hits >> k & 1)) continue;
-                const size_t at = first + size_t(k & 1) + (k >> 1 ? width : 0);
+            for (unsigned hits = unsigned(cells_.hits[i]); hits; hits &= hits - 1) {
+                const int k = std::countr_zero(hits);
+                const size_t at = first + (k < raster::most_across ? size_t(k) : size_t(k - raster::most_across) + width);
                 const float q = cells_.q[k][i];
                 if (!(q > depth[at])) continue;
                 depth[at] = q;
-                source[at] = {cells_.u[k][i] + 0.5f, cells_.v[k][i] + 0.5f};
+                source[at] = {cells_.u[k][i], cells_.v[k][i]};
             }
         }
     }
@@ -217,7 +217,7 @@ private:
                 ceiling(std::clamp(y0, top, bottom)), ceiling(std::clamp(y1, top, bottom))};
     }
 
-    /// A cell that covers more than 2x2 pixels or is seen from behind.
+    /// A cell that covers more pixels than the kernel takes, or is seen from behind.
     void draw_wide(int cx, int cy, const raster::Row& a, const raster::Row& b, int i) {
         const auto corner = [&](const raster::Row& row, int c) {
             const int at = i + corner_dx[c];
@@ -237,7 +237,7 @@ private:
         if (!(a.r > 0 && b.r > 0 && c.r > 0)) return;
         float area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
         if (area == 0 || !std::isfinite(area)) return;
-        const float back = area > 0 ? 0.0f : back_mark;  // laid over the place until `finish`
+        const float back = area > 0 ? 0.0f : raster::back_mark;
         if (area < 0) std::swap(b, c);
         const Range box = candidates(std::min(a.x, std::min(b.x, c.x)), std::max(a.x, std::max(b.x, c.x)),
                                      std::min(a.y, std::min(b.y, c.y)), std::max(a.y, std::max(b.y, c.y)));
@@ -389,45 +389,18 @@ private:
 /// Bounds of 1/z on and between a tile's surfaces; low > high: nothing there.
 Bounds bounds_of(const SurfaceView& view, int tile_x, int tile_y) {
     const Grid<float>& w = view.inverse_depth;
-    Bounds out;
-    // The image's border is a tear too.
-    bool invalid = false, torn = tile_x < 0 || tile_y < 0 || tile_x + tile_columns >= w.width ||
-                                 tile_y + tile_rows >= w.height;
     const int x0 = std::max(tile_x, 0), x1 = std::min(tile_x + tile_columns, w.width - 1);
     const int y0 = std::max(tile_y, 0), y1 = std::min(tile_y + tile_rows, w.height - 1);
-    for (int y = y0; y <= y1; ++y) {
-        const float* row = &w.data[size_t(y) * size_t(w.width)];
-        float low = out.low, high = out.high;
-        const uint8_t* tears = &view.tears.data[size_t(y) * size_t(w.width)];
-        int unknown = 0;
-        unsigned any_tear = 0;
-        for (int x = x0; x <= x1; ++x) any_tear |= tears[x];
-        torn |= any_tear != 0;
-        // Eight at a time, as vectors: the compiler must not reorder a single minimum.
-        int x = x0;
-        constexpr int lanes = 8;
-        float lows[lanes], highs[lanes];
-        int unknowns[lanes] = {};
-        std::fill_n(lows, lanes, low), std::fill_n(highs, lanes, high);
-        for (; x + lanes <= x1 + 1; x += lanes)
-            for (int i = 0; i < lanes; ++i) {
-                const float value = row[x + i];
-                lows[i] = value < lows[i] ? value : lows[i];
-                highs[i] = value > highs[i] ? value : highs[i];
-                unknowns[i] |= value != value;
-            }
-        for (int i = 0; i < lanes; ++i)
-            low = std::min(low, lows[i]), high = std::max(high, highs[i]), unknown |= unknowns[i];
-        for (; x <= x1; ++x) {
-            low = row[x] < low ? row[x] : low;
-            high = row[x] > high ? row[x] : high;
-            unknown |= row[x] != row[x];
-        }
-        out.low = low, out.high = high, invalid |= unknown != 0;
-    }
-    if (out.high == 0 && !invalid) return {};  // sky
-    if (torn || invalid) out.low *= 0.5f, out.high *= 2;  // half a pixel beyond a tear (SurfaceField::half_edge)
-    if (invalid) out.high = view.wall_top;
+    const size_t first = size_t(y0) * size_t(w.width) + size_t(x0);
+    const lifting::BoxBounds box = lifting::kernels().bounds(&w.data[first], &view.tears.data[first], size_t(w.width),
+                                                             size_t(x1 - x0 + 1), size_t(y1 - y0 + 1));
+    // The image's border is a tear too.
+    const bool torn = box.torn || tile_x < 0 || tile_y < 0 || tile_x + tile_columns >= w.width ||
+                      tile_y + tile_rows >= w.height;
+    if (box.high == 0 && !box.invalid) return {};  // sky
+    Bounds out{box.low, box.high};
+    if (torn || box.invalid) out.low *= 0.5f, out.high *= 2;  // half a pixel beyond a tear (SurfaceField::half_edge)
+    if (box.invalid) out.high = view.wall_top;
     return out;
 }
 

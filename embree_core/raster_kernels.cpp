@@ -76,7 +76,7 @@ void cells(const Row& above, const Row& below, float u0, float v0, const Window&
     const I d;
     const U8 bytes;
     const size_t lanes = hn::Lanes(f);
-    const V zero = hn::Zero(f), one = hn::Set(f, 1.0f), two = hn::Set(f, 2.0f);
+    const V zero = hn::Zero(f), one = hn::Set(f, 1.0f);
     for (size_t i = 0; i < n; i += lanes) {
         const auto tears = [&](const uint8_t* p, int bits) {
             return hn::And(hn::PromoteTo(d, hn::LoadU(bytes, p + i)), hn::Set(d, bits));
@@ -109,14 +109,18 @@ void cells(const Row& above, const Row& below, float u0, float v0, const Window&
                 y1 = hn::Ceil(hn::Min(most_of(c.y), hn::Set(f, window.y1)));
         const V across = hn::Sub(x1, x0), down = hn::Sub(y1, y0);
         const M reached = hn::And(hn::And(whole, front), hn::And(hn::Gt(across, zero), hn::Gt(down, zero)));
-        const M plain = hn::And(hn::And(hn::Le(across, two), hn::Le(down, two)),
-                                hn::And(hn::Gt(area(c, 0, 1, 3), zero), hn::Gt(area(c, 2, 3, 1), zero)));
+        const M plain =
+            hn::And(hn::And(hn::Le(across, hn::Set(f, float(most_across))), hn::Le(down, hn::Set(f, float(most_down)))),
+                    hn::And(hn::Gt(area(c, 0, 1, 3), zero), hn::Gt(area(c, 2, 3, 1), zero)));
         const auto drawn_cell = hn::RebindMask(d, hn::And(reached, plain));
         auto kind = hn::IfThenElse(hn::RebindMask(d, hn::Or(whole, empty)), hn::Zero(d), hn::Set(d, int32_t(split)));
         kind = hn::IfThenElse(hn::RebindMask(d, reached), hn::Set(d, int32_t(wide)), kind);
         kind = hn::IfThenElse(drawn_cell, hn::Set(d, int32_t(drawn)), kind);
         hn::StoreU(kind, d, out.kind + i);
-        if (hn::AllFalse(d, drawn_cell)) continue;
+        if (hn::AllFalse(d, drawn_cell)) {
+            hn::StoreU(hn::Zero(d), d, out.hits + i);
+            continue;
+        }
         hn::StoreU(hn::ConvertTo(d, hn::IfThenElseZero(reached, x0)), d, out.x + i);
         hn::StoreU(hn::ConvertTo(d, hn::IfThenElseZero(reached, y0)), d, out.y + i);
 
@@ -124,8 +128,8 @@ void cells(const Row& above, const Row& below, float u0, float v0, const Window&
                 owns12 = owns(c, 1, 2);
         const V u = hn::Add(hn::Iota(f, float(i)), hn::Set(f, u0)), v = hn::Set(f, v0);
         auto hits = hn::Zero(d);
-        for (int k = 0; k < 4; ++k) {
-            const V dx = hn::Set(f, float(k & 1)), dy = hn::Set(f, float(k >> 1));
+        for (int k = 0; k < slots; ++k) {
+            const V dx = hn::Set(f, float(k % most_across)), dy = hn::Set(f, float(k / most_across));
             const M there = hn::And(hn::RebindMask(f, drawn_cell), hn::And(hn::Lt(dx, across), hn::Lt(dy, down)));
             if (hn::AllFalse(f, there)) continue;
             const V px = hn::Add(x0, dx), py = hn::Add(y0, dy);
@@ -153,14 +157,60 @@ void cells(const Row& above, const Row& below, float u0, float v0, const Window&
             const M hit = hn::And(there, hn::And(covered, hn::Gt(sum, zero)));
             hits = hn::Or(hits, hn::IfThenElseZero(hn::RebindMask(d, hit), hn::Set(d, 1 << k)));
             hn::StoreU(hn::Mul(hn::Mul(height, all), share), f, out.q[k] + i);
-            hn::StoreU(hn::Add(u, hn::IfThenElse(upper, fu, hn::Sub(one, fu))), f, out.u[k] + i);
-            hn::StoreU(hn::Add(v, hn::IfThenElse(upper, fv, hn::Sub(one, fv))), f, out.v[k] + i);
+            const V half = hn::Set(f, 0.5f);  // centres are at 0.5 from here on
+            hn::StoreU(hn::Add(hn::Add(u, hn::IfThenElse(upper, fu, hn::Sub(one, fu))), half), f, out.u[k] + i);
+            hn::StoreU(hn::Add(hn::Add(v, hn::IfThenElse(upper, fv, hn::Sub(one, fv))), half), f, out.v[k] + i);
         }
         hn::StoreU(hits, d, out.hits + i);
     }
 }
 
-const Kernels table = {&transform, &cells};
+void settle(const float* floor, const float* wall, size_t n, float* q, float* source_px, uint8_t* out, uint8_t* open) {
+    const F f;
+    const I d;
+    const U8 bytes;
+    const size_t lanes = hn::Lanes(f);
+    const V zero = hn::Zero(f), margin = hn::Set(f, wall_margin), marked = hn::Set(f, 0.25f - 0.5f * back_mark);
+    size_t i = 0;
+    for (; i + lanes <= n; i += lanes) {
+        const V drawn = hn::LoadU(f, q + i);
+        const V bottom = floor ? hn::LoadU(f, floor + i) : zero;
+        const M asked = hn::Or(hn::Le(bottom, zero), hn::Ne(drawn, bottom));
+        if (hn::AllFalse(f, asked)) {
+            hn::StoreU(zero, f, q + i);
+            hn::StoreU(hn::Zero(bytes), bytes, out + i);
+            hn::StoreU(hn::Zero(bytes), bytes, open + i);
+            continue;
+        }
+        V x, y;
+        hn::LoadInterleaved2(f, source_px + 2 * i, x, y);
+        const M surface = hn::Gt(drawn, zero), behind = hn::Gt(hn::LoadU(f, wall + i), hn::Mul(drawn, margin));
+        const M from_back = hn::And(asked, hn::And(surface, hn::Lt(x, marked)));
+        if (!hn::AllFalse(f, from_back))
+            hn::StoreInterleaved2(hn::IfThenElse(from_back, hn::Add(x, hn::Set(f, back_mark)), x), y, f,
+                                  source_px + 2 * i);
+        const auto bits = [&](M m, int value) { return hn::IfThenElseZero(hn::RebindMask(d, m), hn::Set(d, value)); };
+        const auto plain = hn::Add(bits(surface, front), bits(from_back, back - front));
+        const auto shown = hn::IfThenElse(hn::RebindMask(d, behind), hn::Set(d, int32_t(walled)), plain);
+        hn::StoreU(hn::DemoteTo(bytes, hn::IfThenElseZero(hn::RebindMask(d, asked), shown)), bytes, out + i);
+        hn::StoreU(hn::DemoteTo(bytes, bits(hn::AndNot(surface, asked), 1)), bytes, open + i);
+        if (floor) hn::StoreU(hn::IfThenElseZero(asked, drawn), f, q + i);
+    }
+    for (; i < n; ++i) {
+        const float bottom = floor ? floor[i] : 0;
+        open[i] = 0, out[i] = no_surface;
+        if (bottom > 0 && q[i] == bottom) {
+            q[i] = 0;
+            continue;
+        }
+        const bool from_back = q[i] > 0 && source_px[2 * i] < 0.25f - 0.5f * back_mark;
+        if (from_back) source_px[2 * i] += back_mark;
+        open[i] = !(q[i] > 0);
+        out[i] = wall[i] > q[i] * wall_margin ? walled : q[i] > 0 ? (from_back ? back : front) : no_surface;
+    }
+}
+
+const Kernels table = {&transform, &cells, &settle};
 const Kernels* get() {
     return &table;
 }

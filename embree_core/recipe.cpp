@@ -261,7 +261,7 @@ CameraSpec read_camera(const json& value, const std::string& file, size_t positi
         refuse(fields.at("intrinsic"), shown(matrix), "focal lengths from 0.001 to 1e7 pixels and a centre within 1e7");
     camera.ego_from_cam = read_pose(fields);
     if (fields.has("image")) camera.image = checked_pattern(fields.text("image"), fields.at("image"));
-    camera.depth = checked_pattern(fields.text("depth"), fields.at("depth"));
+    if (fields.has("depth")) camera.depth = checked_pattern(fields.text("depth"), fields.at("depth"));
     camera.depth_channel = fields.text_or("depth_channel", "Z");
     if (fields.has("depth_scale_m")) camera.depth_scale_m = fields.number("depth_scale_m");
     if (!(camera.depth_scale_m > 0)) refuse(fields.at("depth_scale_m"), number(camera.depth_scale_m), "> 0 metres");

@@ -22,7 +22,7 @@ struct CameraSpec {
     Intrinsics intrinsics;
     Pose ego_from_cam;
     std::string image;                        ///< may be empty: masks need depth only
-    std::string depth;                        ///< EXR, 16-bit PNG, PFM or NPY
+    std::string depth;                        ///< EXR, 16-bit PNG, PFM or NPY; may be empty before vshift depth
     std::string depth_channel;                ///< for EXR; default "Z"
     double depth_scale_m = 1;                 ///< metres per stored unit (0.001 for millimetre PNG)
     std::optional<DepthSource> depth_source;  ///< none: as the file stores it

@@ -4,7 +4,8 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <limits>
+
+#include "embree_core/lift_kernels.h"
 
 namespace vshift {
 
@@ -31,26 +32,14 @@ void surface_view(const Intrinsics& intrinsics, const Pose& world_from_cam, cons
     view.invalid_px = view.sky_px = 0;
     if (view.inverse_depth.width != depth.width || view.inverse_depth.height != depth.height)
         view.inverse_depth = Grid<float>(depth.width, depth.height);
-    struct Row {
-        uint32_t invalid = 0, sky = 0;
-        float nearest_m = 1e12f;
-    };
-    std::vector<Row> rows(static_cast<size_t>(depth.height));
+    std::vector<lifting::RowCounts> rows(static_cast<size_t>(depth.height));
     tbb::parallel_for(0, depth.height, [&](int y) {
-        const float* z = &depth.data[size_t(y) * size_t(depth.width)];
-        float* w = &view.inverse_depth.data[size_t(y) * size_t(depth.width)];
-        Row row;
-        for (int x = 0; x < depth.width; ++x) {
-            const bool sky = is_sky(z[x]), valid = is_measured(z[x]);
-            row.sky += sky;
-            row.invalid += !sky & !valid;
-            row.nearest_m = valid && z[x] < row.nearest_m ? z[x] : row.nearest_m;
-            w[x] = sky ? 0.0f : valid ? 1.0f / z[x] : std::numeric_limits<float>::quiet_NaN();
-        }
-        rows[size_t(y)] = row;
+        const size_t first = size_t(y) * size_t(depth.width);
+        rows[size_t(y)] =
+            lifting::kernels().inverse(&depth.data[first], size_t(depth.width), &view.inverse_depth.data[first]);
     });
     float nearest_m = 1e12f;
-    for (const Row& row : rows) {
+    for (const lifting::RowCounts& row : rows) {
         view.invalid_px += row.invalid;
         view.sky_px += row.sky;
         nearest_m = std::min(nearest_m, row.nearest_m);

@@ -85,8 +85,33 @@ struct Item {
 };
 
 struct Rows {
-    std::vector<ordered_json> masks, certificates, holes, warps;
+    std::vector<ordered_json> masks, mask_regions, certificates, holes, warps;
 };
+
+/// `occluded` where V's picture holds the point, apart for foliage and the rest.
+void add_region_rows(const Item& item, const Channels& truth, const Mask& occluded, const Mask& outside,
+                     const Mask& shell, std::vector<ordered_json>& rows) {
+    constexpr double boundary_px = 1.5;
+    const Mask foliage = mask_of(truth, "foliage"), scene = mask_of(truth, "occluded");
+    for (const bool leaves : {true, false}) {
+        const Mask region = combine(foliage, outside, [&](bool leaf, bool out) { return leaf == leaves && !out; });
+        for (const bool of_scene : {true, false}) {
+            const Mask& want = of_scene ? scene : shell;
+            const MaskScore s = score_mask(occluded, want, &region);
+            ordered_json row = item.row();
+            row["class"] = "occluded";
+            row["against"] = of_scene ? "scene" : "shell";
+            row["region"] = leaves ? "foliage" : "rest";
+            row["pixels"] = count(region);
+            row["true_positive"] = s.counts.true_positive;
+            row["false_positive"] = s.counts.false_positive;
+            row["false_negative"] = s.counts.false_negative;
+            row["f1"] = s.f1;
+            row["boundary_f1"] = score_boundary(occluded, want, boundary_px, &region).f1;
+            rows.push_back(std::move(row));
+        }
+    }
+}
 
 Rows score_mask_item(const Item& item, const fs::path& got_file, const fs::path& truth_file) {
     const Channels got = read_image(got_file), truth = read_image(truth_file);
@@ -107,6 +132,8 @@ Rows score_mask_item(const Item& item, const fs::path& got_file, const fs::path&
             add_mask_scores(row, mask_of(got, klass), want);
             rows.masks.push_back(std::move(row));
         }
+    if (truth.has("foliage"))
+        add_region_rows(item, truth, mask_of(got, "occluded"), outside, shell, rows.mask_regions);
     const Mask lost = mask_of(got, "lost"), occluded = mask_of(got, "occluded"), unknown = mask_of(got, "unknown"),
                unseen = mask_of(got, "unseen");
     const Mask true_occluded = mask_of(truth, "occluded"), true_lost = mask_of(truth, "lost");
@@ -247,9 +274,10 @@ nlohmann::ordered_json score_set(const Recipe& recipe, const Manifest& manifest,
                         {"vshift", version_string},
                         {"set", recipe.file.filename().string()},
                         {"cores", std::thread::hardware_concurrency()}};
-    for (const char* part : {"masks", "certificates", "holes", "warps"}) out[part] = ordered_json::array();
+    for (const char* part : {"masks", "mask_regions", "certificates", "holes", "warps"}) out[part] = ordered_json::array();
     for (Rows& r : rows) {
         for (auto& row : r.masks) out["masks"].push_back(std::move(row));
+        for (auto& row : r.mask_regions) out["mask_regions"].push_back(std::move(row));
         for (auto& row : r.certificates) out["certificates"].push_back(std::move(row));
         for (auto& row : r.holes) out["holes"].push_back(std::move(row));
         for (auto& row : r.warps) out["warps"].push_back(std::move(row));

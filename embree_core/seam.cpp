@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <list>
 
@@ -54,6 +55,21 @@ double direction_cosine(const Neighbor& n, const glm::dvec3& p, const glm::dvec3
     const glm::dvec3 d = p - n.centre_m;
     return glm::dot(d, along) / std::sqrt(glm::dot(d, d) * glm::dot(along, along));
 }
+
+/// The neighbour whose colour is taken: of those that show the surface unmixed, or else of all, the one that looks most
+/// nearly the same way.
+struct Choice {
+    const Neighbor* of = nullptr;
+    bool mixed = true;
+    glm::vec2 source_px{0};
+    double cosine = -2, t = 0;
+
+    void offer(const Neighbor& n, glm::vec2 at_px, EdgeBand edge, double its_cosine, double its_t) {
+        if (!mixed && !(its_cosine > cosine)) return;
+        const bool its_mixed = edge == EdgeBand::drop && n.sampler.is_edge(at_px);
+        if (its_mixed == mixed ? its_cosine > cosine : mixed) *this = {&n, its_mixed, at_px, its_cosine, its_t};
+    }
+};
 
 /// Where the neighbour saw the point t along a ray of the target (infinite: the sky), if it did.
 std::optional<glm::vec2> seen_at(const Neighbor& n, const glm::dvec3& from, const glm::dvec3& along, double t,
@@ -136,6 +152,8 @@ void seam_shifted(const std::vector<SeamCamera>& rig, int own_index, const Shift
     for (int x = 0; x < k.width; ++x)
         along_x[size_t(x)] = world_from_v.direction({(x + 0.5 - k.cx) / k.fx, 0, 0});
     if (out.asked.size() != out.missing.size()) out.asked.resize(out.missing.size());
+    if (options.depth && (out.inverse_depth.width != k.width || out.inverse_depth.height != k.height))
+        out.inverse_depth = Grid<float>(k.width, k.height);
     tbb::parallel_for(0, k.height, [&](int y) {
         const size_t first = size_t(y) * size_t(k.width);
         uint8_t* const asked = &out.asked[first];
@@ -146,31 +164,49 @@ void seam_shifted(const std::vector<SeamCamera>& rig, int own_index, const Shift
             for (int x = n.shown->x0; x < n.shown->x1; ++x) asked[x] |= q[x] > floor[x];
         }
         std::fill_n(&out.seam.source.data[first], k.width, int16_t(own_index));
+        if (options.depth)
+            std::copy_n(&out.own.inverse_depth.data[first], k.width, &out.inverse_depth.data[first]);
         for (int x = 0; x < k.width; ++x) {
+            if (uint64_t eight; x + 8 <= k.width) {
+                std::memcpy(&eight, asked + x, 8);
+                if (eight == 0) {
+                    x += 7;
+                    continue;
+                }
+            }
             if (!asked[x]) continue;
             const size_t at = first + size_t(x);
             float front = out.missing.data[at] ? out.own.inverse_depth.data[at] : out.floor.data[at];
             for (const Neighbor& n : neighbors)
                 if (n.shown->holds(x)) front = std::max(front, n.shown->inverse_depth.data[at]);
-            out.seam.source.data[at] = -1;
-            out.seam.color.data[at] = glm::vec3(0);
             const float least = front * float(1 - options.depth_tolerance);
-            const Neighbor* best = nullptr;
-            double best_cosine = -2, best_t = 0;
+            const glm::vec2 px(x + 0.5f, y + 0.5f);
             const glm::dvec3 along = along_x[size_t(x)] + row_along;
+            Choice best;
             for (const Neighbor& n : neighbors) {
                 if (!n.shown->holds(x) || !is_seen(n.shown->sight.data[at])) continue;
                 const float q = n.shown->inverse_depth.data[at];
                 if (q < std::max(least, out.floor.data[at])) continue;
-                if (options.edge == EdgeBand::drop && n.sampler.is_edge(n.shown->source_px.data[at])) continue;
                 const double t = 1 / double(q);
                 const double cosine = q > 0 ? direction_cosine(n, centre + t * along, along) : 1;
-                if (cosine > best_cosine) best = &n, best_cosine = cosine, best_t = t;
+                best.offer(n, n.shown->source_px.data[at], options.edge, cosine, t);
             }
-            if (!best) continue;
-            out.seam.source.data[at] = int16_t(best->index);
-            out.seam.color.data[at] =
-                best->color(best->shown->source_px.data[at], {x + 0.5f, y + 0.5f}, centre, along, best_t);
+            const float own_q = out.own.inverse_depth.data[at];
+            const bool own_mixed =
+                best.mixed && out.missing.data[at] && is_seen(out.own.sight.data[at]) && own_q >= least;
+            float shown_q = own_q;
+            if (own_mixed) {
+                out.seam.color.data[at] = own_sampler.at(out.own.source_px.data[at], px);
+            } else if (best.of) {
+                shown_q = best.of->shown->inverse_depth.data[at];
+                out.seam.source.data[at] = int16_t(best.of->index);
+                out.seam.color.data[at] = best.of->color(best.source_px, px, centre, along, best.t);
+            } else {
+                shown_q = std::numeric_limits<float>::quiet_NaN();
+                out.seam.source.data[at] = -1;
+                out.seam.color.data[at] = glm::vec3(0);
+            }
+            if (options.depth) out.inverse_depth.data[at] = shown_q;
         }
     });
 }
@@ -192,19 +228,16 @@ Seam seam_recorded(const std::vector<SeamCamera>& rig, int own_index, const Mask
             if (!(w >= 0)) continue;
             const glm::dvec3 along = world_from_own.direction(ray(k, {x + 0.5, y + 0.5}));
             const double t = 1 / double(w);
-            const Neighbor* best = nullptr;
-            double best_cosine = -2;
-            glm::vec2 best_px(0);
+            Choice best;
             for (const Neighbor& n : neighbors) {
                 const double cosine = w > 0 ? direction_cosine(n, centre + t * along, along) : 1;
-                if (!(cosine > best_cosine)) continue;
-                const auto u = seen_at(n, centre, along, t, options.depth_tolerance);
-                if (!u || (options.edge == EdgeBand::drop && n.sampler.is_edge(*u))) continue;
-                best = &n, best_cosine = cosine, best_px = *u;
+                if (!best.mixed && !(cosine > best.cosine)) continue;
+                if (const auto u = seen_at(n, centre, along, t, options.depth_tolerance))
+                    best.offer(n, *u, options.edge, cosine, t);
             }
-            if (!best) continue;
-            out.source.data[at] = int16_t(best->index);
-            out.color.data[at] = best->color(best_px, {x + 0.5f, y + 0.5f}, centre, along, t);
+            if (!best.of) continue;
+            out.source.data[at] = int16_t(best.of->index);
+            out.color.data[at] = best.of->color(best.source_px, {x + 0.5f, y + 0.5f}, centre, along, t);
         }
     });
     return out;

@@ -28,7 +28,11 @@ struct SeamCamera {
 
 struct SeamOptions {
     double depth_tolerance = same_surface_share;  ///< share by which two depths of one surface may differ
+    /// Under `drop` a sample in the band that mixes both sides of an edge gives way to any camera's that does not; where
+    /// there is none it stands, the own camera's before a neighbour's: what a fill would put there is farther off
+    /// (docs/measured.md).
     EdgeBand edge = EdgeBand::drop;
+    bool depth = false;  ///< of the shifted view: `ShiftedSeam::inverse_depth` too
 };
 
 /// Colours (black where nobody saw anything) and which camera of the rig they are from: -1 none.
@@ -41,7 +45,8 @@ struct Seam {
 struct ShiftedSeam {
     Seam seam;
     Reprojection own;                     ///< what the own camera shows
-    Mask missing;                         ///< 1 where it gives no colour
+    Mask missing;                         ///< 1 where it gives no colour, or but a mixed one
+    Grid<float> inverse_depth;            ///< when asked for: 1/Z of what is shown, 0 sky; NaN where nothing is
     Grid<float> floor;                    ///< scratch: 1/Z beyond which a neighbour's surface matters
     std::vector<uint8_t> asked;           ///< scratch: pixels that neighbours decide
     std::vector<Reprojection> neighbors;  ///< scratch

@@ -26,11 +26,16 @@ struct SurfaceField {
         const float value = w.at(x, y);
         return value > 0 ? Pixel::solid : value == 0 ? Pixel::sky : Pixel::invalid;
     }
-    bool solid(int x, int y) const { return state(x, y) == Pixel::solid; }
+    /// `inner` here and below: every pixel that is asked for lies in the image.
+    template <bool inner = false>
+    bool solid(int x, int y) const {
+        return inner ? w.at(x, y) > 0 : state(x, y) == Pixel::solid;
+    }
 
     /// Whether two 4-neighbours lie on one observed surface.
+    template <bool inner = false>
     bool joined(int x0, int y0, int x1, int y1) const {
-        if (!solid(x0, y0) || !solid(x1, y1)) return false;
+        if (!solid<inner>(x0, y0) || !solid<inner>(x1, y1)) return false;
         const uint8_t bit = y0 == y1 ? 1 : 2;
         return !(tears.at(std::min(x0, x1), std::min(y0, y1)) & bit);
     }
@@ -44,10 +49,11 @@ struct SurfaceField {
 
     /// 1/z of solid pixel (x, y)'s surface half a pixel towards its neighbour at (dx, dy): between
     /// the two where they are joined, extrapolated from the far side of the pixel where not.
+    template <bool inner = false>
     float half_edge(int x, int y, int dx, int dy) const {
         const float own = w.at(x, y);
-        if (joined(x, y, x + dx, y + dy)) return 0.5f * (own + w.at(x + dx, y + dy));
-        if (!joined(x, y, x - dx, y - dy)) return own;
+        if (joined<inner>(x, y, x + dx, y + dy)) return 0.5f * (own + w.at(x + dx, y + dy));
+        if (!joined<inner>(x, y, x - dx, y - dy)) return own;
         const float extended = own + 0.5f * (own - w.at(x - dx, y - dy));
         return std::clamp(extended, 0.5f * own, 2.0f * own);
     }

@@ -6,7 +6,10 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <limits>
+#include <utility>
 
 #include "embree_core/sweep_fan.h"
 
@@ -27,26 +30,46 @@ namespace {
 // Lines that leave their row by less than this over the whole image are taken as rows.
 constexpr double row_aligned_px = 0.05;
 
+/// The pixel centres' least a x + b y + c.
+double least_over(const glm::dvec3& linear, const Intrinsics& k) {
+    const auto least = [](double slope, int count) { return std::min(0.5 * slope, (count - 0.5) * slope); };
+    return least(linear.x, k.width) + least(linear.y, k.height) + linear.z;
+}
+
+/// Of pixel centres, to be taken at whole numbers.
+Linear at_pixels(const glm::dvec3& linear) {
+    return {float(linear.x), float(linear.y), float(linear.z + 0.5 * (linear.x + linear.y))};
+}
+
 PixelRule pixel_rule(const SweepCamera& camera) {
     const Intrinsics &r = camera.recorded, &s = camera.shifted;
     const Pose shifted_from_recorded = inverse(camera.recorded_from_shifted);
-    const glm::dmat3 to_pixel(glm::dvec3(s.fx, 0, 0), glm::dvec3(0, s.fy, 0), glm::dvec3(s.cx, s.cy, 1));
-    const glm::dmat3 to_ray(glm::dvec3(1 / r.fx, 0, 0), glm::dvec3(0, 1 / r.fy, 0),
-                            glm::dvec3(-r.cx / r.fx, -r.cy / r.fy, 1));
-    const glm::dmat3 turn = to_pixel * shifted_from_recorded.rotation * to_ray;
-    const glm::dvec3 move = to_pixel * shifted_from_recorded.translation_m;
-    PixelRule rule;
-    for (int row = 0; row < 3; ++row) {
-        for (int column = 0; column < 3; ++column) rule.to_shifted[row][column] = float(turn[column][row]);
-        rule.to_shifted[row][3] = float(move[row]);
-        rule.centre[row] = float(camera.recorded_from_shifted.translation_m[row]);
-    }
+    const glm::dvec3 c = camera.recorded_from_shifted.translation_m;
+    PixelRule rule{};
+    for (int i = 0; i < 3; ++i) rule.centre[i] = float(c[i]);
     rule.ray_x0 = float((0.5 - r.cx) / r.fx), rule.ray_dx = float(1 / r.fx);
     rule.ray_y0 = float((0.5 - r.cy) / r.fy), rule.ray_dy = float(1 / r.fy);
-    rule.fx = float(r.fx), rule.fy = float(r.fy), rule.cx = float(r.cx), rule.cy = float(r.cy);
-    rule.width = float(r.width), rule.height = float(r.height);
-    rule.shifted_width = float(s.width), rule.shifted_height = float(s.height);
     rule.clear_m = float(camera.clear_m);
+    const glm::dmat3 to_ray(glm::dvec3(1 / r.fx, 0, 0), glm::dvec3(0, 1 / r.fy, 0),
+                            glm::dvec3(-r.cx / r.fx, -r.cy / r.fy, 1));
+    // Sides of a frustum as normals that point inwards; what lies within all four is in front, too.
+    const auto sides = [](const Intrinsics& k) {
+        const glm::dvec3 u(k.fx, 0, k.cx), v(0, k.fy, k.cy), ahead(0, 0, 1);
+        return std::array<glm::dvec3, 4>{u, double(k.width) * ahead - u, v, double(k.height) * ahead - v};
+    };
+    int side = 0;
+    for (const glm::dvec3& inwards : sides(s)) {
+        const bool strict = side++ % 2 == 1;
+        const glm::dvec3 at = inwards * shifted_from_recorded.rotation * to_ray;
+        const double move = glm::dot(inwards, shifted_from_recorded.translation_m);
+        const double least = least_over(at, r);
+        if (move >= 0 && (strict ? least > 0 : least >= 0)) continue;
+        rule.outside[rule.outside_count++] = {at_pixels(at), float(move), strict};
+    }
+    for (const glm::dvec3& inwards : sides(r)) {
+        const double away = -glm::dot(inwards, c);
+        if (away > 0) rule.unseen[rule.unseen_count++] = at_pixels(inwards * to_ray * (camera.clear_m / away));
+    }
     return rule;
 }
 
@@ -68,20 +91,22 @@ bool follows_rows(const SweepCamera& camera) {
     return c == glm::dvec3(0.0) || is_row_aligned({k.fx, k.cx, c.x, k.width}, {k.fy, k.cy, c.y, k.height}, c.z);
 }
 
-void transpose(const float* in, int width, int height, float* out) {
+/// Rows `first` to `last` of `out` are columns of `in`.
+void transpose(const float* in, int width, int height, int first, int last, float* out) {
     constexpr int tile = 32;
-    tbb::parallel_for(tbb::blocked_range<int>(0, (width + tile - 1) / tile), [&](const tbb::blocked_range<int>& range) {
-        for (int x0 = range.begin() * tile; x0 < std::min(width, range.end() * tile); x0 += tile)
-            for (int y0 = 0; y0 < height; y0 += tile)
-                for (int x = x0; x < std::min(x0 + tile, width); ++x)
-                    for (int y = y0; y < std::min(y0 + tile, height); ++y)
-                        out[size_t(x) * size_t(height) + size_t(y)] = in[size_t(y) * size_t(width) + size_t(x)];
-    });
+    tbb::parallel_for(
+        tbb::blocked_range<int>(0, (last - first + tile - 1) / tile), [&](const tbb::blocked_range<int>& range) {
+            for (int x0 = first + range.begin() * tile; x0 < std::min(last, first + range.end() * tile); x0 += tile)
+                for (int y0 = 0; y0 < height; y0 += tile)
+                    for (int x = x0; x < std::min(x0 + tile, last); ++x)
+                        for (int y = y0; y < std::min(y0 + tile, height); ++y)
+                            out[size_t(x) * size_t(height) + size_t(y)] = in[size_t(y) * size_t(width) + size_t(x)];
+        });
 }
 
-/// Each value marked in its lowest bit where it is torn from the next row's.
-void mark(const float* in, int width, int height, const TearRule& tear, float* out) {
-    tbb::parallel_for(tbb::blocked_range<int>(0, height, 16), [&](const tbb::blocked_range<int>& range) {
+/// Rows `first` to `last`, each value marked in its lowest bit where it is torn from the next row's.
+void mark(const float* in, int width, int height, int first, int last, const TearRule& tear, float* out) {
+    tbb::parallel_for(tbb::blocked_range<int>(first, last, 16), [&](const tbb::blocked_range<int>& range) {
         for (int y = range.begin(); y < range.end(); ++y) {
             const float* rows[4];
             for (int k = 0; k < 4; ++k) {
@@ -91,6 +116,22 @@ void mark(const float* in, int width, int height, const TearRule& tear, float* o
             kernels().mark_rows(rows, size_t(width), tear, out + size_t(y) * size_t(width));
         }
     });
+}
+
+/// The rows along the major axis that the lines of the fans with `transposed` touch; empty where there are none.
+std::pair<int, int> rows_of(const std::vector<Fan>& fans, bool transposed) {
+    std::pair<int, int> rows{std::numeric_limits<int>::max(), 0};
+    for (const Fan& fan : fans) {
+        if (fan.transposed != transposed) continue;
+        for (const int number : {fan.first_line, fan.first_line + fan.lines})
+            for (const int major : {fan.major_begin, fan.major_end}) {
+                const Fan::Straight line = fan.line(number);
+                const double minor = std::clamp(line.at_zero + line.slope * major, 0.0, double(fan.minors));
+                rows.first = std::min(rows.first, std::max(0, int(minor) - 2));
+                rows.second = std::max(rows.second, std::min(fan.minors, int(minor) + 3));
+            }
+    }
+    return rows;
 }
 
 }  // namespace
@@ -140,16 +181,17 @@ void Sweeper::classes(const SweepCamera& camera, const DepthMap& depth, Grid<uin
         kernels().inverse(&depth.data[first], count, &b.inverse[first]);
     });
     for (const bool transposed : {false, true}) {
-        const bool needed =
-            std::any_of(b.fans.begin(), b.fans.end(), [&](const Fan& f) { return f.transposed == transposed; });
-        if (!needed) continue;
+        const auto [first, last] = rows_of(b.fans, transposed);
+        if (first >= last) continue;
+        const int columns = transposed ? k.height : k.width, rows = transposed ? k.width : k.height;
         if (transposed) {
             b.transposed.resize(room);
-            transpose(b.inverse.data(), k.width, k.height, b.transposed.data());
+            // The rule of a row's tears looks at one row before it and two after.
+            transpose(b.inverse.data(), k.width, k.height, std::max(0, first - 1), std::min(rows, last + 2),
+                      b.transposed.data());
         }
-        mark(transposed ? b.transposed.data() : b.inverse.data(), transposed ? k.height : k.width,
-             transposed ? k.width : k.height, tear_rule(camera.rules, (transposed ? k.fx : k.fy) * baseline),
-             b.marked.data());
+        mark(transposed ? b.transposed.data() : b.inverse.data(), columns, rows, first, last,
+             tear_rule(camera.rules, (transposed ? k.fx : k.fy) * baseline), b.marked.data());
         for (Fan& fan : b.fans)
             if (fan.transposed == transposed) sweep_fan(camera, b.marked.data(), fan);
     }

@@ -55,6 +55,7 @@ void plan(const Axis& x, const Axis& y, double centre_z, double density, std::ve
         fan.by_major.assign(size_t(major.size), 0.0f);
         fan.by_minor.assign(size_t(minor.size), 0.0f);
         fan.level.assign(size_t(major.size), 0);
+        fan.innermost.fill(0);  // no epipole, no levels: nothing is cut
         return fan;
     };
     const double dx = x.focal * x.centre_m, dy = y.focal * y.centre_m;
@@ -115,6 +116,11 @@ void plan(const Axis& x, const Axis& y, double centre_z, double density, std::ve
                     fan.by_major[size_t(m)] = float(density * (far - (m + 0.5)) / (m + 0.5 - e_major));
                 }
             }
+            for (int level = 0; level <= highest_level; ++level) {
+                int m = side > 0 ? begin : end - 1;
+                while (m >= begin && m < end && fan.level[size_t(m)] > level) m += side;
+                fan.innermost[size_t(level)] = m;
+            }
         }
     }
     fans.resize(count);
@@ -162,12 +168,9 @@ void sweep_fan_line(const SweepCamera& camera, const float* image, Fan& fan, Fan
     if (begin >= end) return;
     // Towards the epipole the line stops where only lines of a higher level go on: levels fall outwards.
     const bool epipole_first = fan.far_major > fan.epipole_major;
-    const auto there = [&](int m) { return fan.level[size_t(m)] <= own_level; };
-    bool cut = false;
-    if (epipole_first)
-        while (begin < end && !there(begin)) ++begin, cut = true;
-    else
-        while (begin < end && !there(end - 1)) --end, cut = true;
+    const int innermost = fan.innermost[size_t(own_level)];
+    const bool cut = epipole_first ? innermost > begin : innermost < end - 1;
+    if (cut) (epipole_first ? begin : end) = epipole_first ? innermost : innermost + 1;
     if (begin >= end) return;
     const int own_begin = begin, own_end = end;
     // The way to V leads to the epipole: this line goes on from another one's horizon, with one sample more for the
@@ -203,8 +206,8 @@ void sweep_fan_line(const SweepCamera& camera, const float* image, Fan& fan, Fan
     if (inwards)
         for (int level = own_level; level-- > 0;) {
             // The place where lines of `level` begin: leave the horizon there for them.
-            size_t stop = at;
-            while (stop > 0 && fan.level[size_t(first + fan.heading * int(stop - 1))] > level) --stop;
+            const int lower = fan.heading * (fan.innermost[size_t(level)] - first) + 1;
+            const size_t stop = size_t(std::clamp(lower, 0, int(at)));
             if (stop == 0 || stop == n) continue;
             pass.run(stop, at);
             at = stop;

@@ -2,6 +2,7 @@
 // Role: the epipolar lines of a shift that is not along the rows: fans of lines, what they sample, and which
 // line answers for which pixel.
 #pragma once
+#include <array>
 #include <vector>
 
 #include "embree_core/sweep_line.h"
@@ -39,7 +40,9 @@ struct Fan {
     double slope = 0;  ///< of lines that do not meet
     // A pixel's line is by_major * by_minor with a near epipole, else density * minor + by_major * by_minor.
     std::vector<float> by_major, by_minor;
-    std::vector<int32_t> level;    ///< per major: every 2^level-th line is there
+    std::vector<int32_t> level;    ///< per major: every 2^level-th line is there; falls with the way from the epipole
+    /// Per level: the major nearest to the epipole to which lines of that level reach, as `level` says.
+    std::array<int, highest_level + 1> innermost{};
     std::vector<uint8_t> classes;  ///< lines x majors
 
     struct Straight {

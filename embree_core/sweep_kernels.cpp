@@ -62,6 +62,9 @@ void inverse_reversed(const float* z, size_t n, float* q) {
     }
 }
 
+// A line that crosses no more rows than this within a vector is read row by row, others by gathering.
+constexpr int32_t most_crossed = 16;
+
 /// Whether samples a and b are torn apart, by the rule of depth_source.h.
 HWY_INLINE hn::Mask<F> torn_between(V before, V a, V b, V after, const TearRule& rule) {
     const F f;
@@ -85,36 +88,48 @@ HWY_INLINE hn::Mask<F> torn_between(V before, V a, V b, V after, const TearRule&
     return hn::Not(hn::Or(neither, hn::And(both, hn::Not(hn::And(breaks, seen)))));
 }
 
-/// |gain| q / (1 - cz q) in key units, minus the sample's own place.
+/// |gain| q / (1 - cz q) in key units, minus the sample's own place. `beside`: cz is 0.
+template <bool beside>
 HWY_INLINE hn::Vec<I> key_vector(V q, V gain, V centre_z, hn::Vec<I> place) {
     const F f;
     const I d;
     const V scale = hn::Set(f, key_scale), largest = hn::Set(f, largest_disparity_px * key_scale);
+    const auto known = hn::RebindMask(d, hn::Eq(q, q));
+    const auto key_of_disparity = [&](V disparity) {
+        return hn::ConvertTo(d, hn::Min(hn::Mul(disparity, scale), largest));
+    };
+    if constexpr (beside)
+        return hn::IfThenElse(known, hn::Sub(key_of_disparity(hn::Mul(gain, q)), place), hn::Set(d, top_key));
     const V clear = hn::Sub(hn::Set(f, 1.0f), hn::Mul(centre_z, q));
     const V disparity = hn::Div(hn::Mul(gain, q), clear);
-    const auto front = hn::ConvertTo(d, hn::Min(hn::Mul(disparity, scale), largest));
     // Nearer than V's own plane: beyond every key, in the order of the slope towards V. |w| is the distance from the
     // epipole that V would see, behind it.
-    const V along = hn::Abs(disparity);
-    const auto behind = hn::Sub(hn::Set(d, 1 << 30), hn::ConvertTo(d, hn::Min(hn::Mul(along, scale), largest)));
+    const auto behind = hn::Sub(hn::Set(d, 1 << 30), key_of_disparity(hn::Abs(disparity)));
     const auto is_front = hn::RebindMask(d, hn::Gt(clear, hn::Zero(f)));
-    const auto key = hn::Sub(hn::IfThenElse(is_front, front, behind), place);
-    const auto known = hn::RebindMask(d, hn::Eq(q, q));
+    const auto key = hn::Sub(hn::IfThenElse(is_front, key_of_disparity(disparity), behind), place);
     return hn::IfThenElse(known, key, hn::Set(d, top_key));
+}
+
+template <bool beside>
+HWY_INLINE void key_row(const LineRule& rule, const float* q, size_t padded, int32_t* key) {
+    const F f;
+    const I d;
+    const size_t lanes = hn::Lanes(f);
+    const V centre_z = hn::Set(f, rule.centre_z), gain_step = hn::Set(f, rule.gain_step), gain0 = hn::Set(f, rule.gain0);
+    for (size_t i = 0; i < padded; i += lanes) {
+        const auto index = hn::Add(hn::Iota(d, 0), hn::Set(d, int32_t(i)));
+        const V gain = hn::Abs(hn::MulAdd(gain_step, hn::ConvertTo(f, index), gain0));
+        const auto place = hn::ShiftLeft<13>(hn::Add(index, hn::Set(d, rule.place0)));
+        hn::StoreU(key_vector<beside>(hn::LoadU(f, q + i), gain, centre_z, place), d, key + i);
+    }
 }
 
 void keys(const LineRule& rule, const float* q, size_t n, int32_t* key, uint16_t* torn, uint16_t* rising) {
     const F f;
     const I d;
     const size_t lanes = hn::Lanes(f);
-    const V centre_z = hn::Set(f, rule.centre_z), gain_step = hn::Set(f, rule.gain_step), gain0 = hn::Set(f, rule.gain0);
     const size_t blocks = (n + block - 1) / block;
-    for (size_t i = 0; i < blocks * block; i += lanes) {
-        const auto index = hn::Add(hn::Iota(d, 0), hn::Set(d, int32_t(i)));
-        const V gain = hn::Abs(hn::MulAdd(gain_step, hn::ConvertTo(f, index), gain0));
-        const auto place = hn::ShiftLeft<13>(hn::Add(index, hn::Set(d, rule.place0)));
-        hn::StoreU(key_vector(hn::LoadU(f, q + i), gain, centre_z, place), d, key + i);
-    }
+    (rule.centre_z == 0 ? &key_row<true> : &key_row<false>)(rule, q, blocks * block, key);
     key[blocks * block] = 0;
     for (size_t b = 0; b < blocks; ++b) {
         uint32_t torn_bits = 0, rising_bits = 0;
@@ -142,11 +157,13 @@ void pixels(const PixelRule& r, const float* z, int y, size_t n, uint8_t* classe
     const size_t lanes = hn::Lanes(f);
     const auto set = [&](float value) { return hn::Set(f, value); };
     const V zero = hn::Zero(f), one = set(1);
-    const float v = float(y) + 0.5f, ray_y = r.ray_y0 + r.ray_dy * float(y);
     const V clear = set(r.clear_m), largest = set(1e12f), least = set(1e-12f);
-    const V row_u = set(r.to_shifted[0][1] * v + r.to_shifted[0][2]),
-            row_v = set(r.to_shifted[1][1] * v + r.to_shifted[1][2]),
-            row_w = set(r.to_shifted[2][1] * v + r.to_shifted[2][2]);
+    const V cx = set(r.centre[0]), cy = set(r.centre[1]), cz = set(r.centre[2]);
+    const V ry = set(r.ray_y0 + r.ray_dy * float(y)), ray_dx = set(r.ray_dx), ray_x0 = set(r.ray_x0);
+    const auto in_row = [&](const Linear& linear) { return linear.b * float(y) + linear.c; };
+    float outside_at[4] = {}, unseen_at[4] = {};
+    for (int k = 0; k < r.outside_count; ++k) outside_at[k] = in_row(r.outside[k].at);
+    for (int k = 0; k < r.unseen_count; ++k) unseen_at[k] = in_row(r.unseen[k]);
     float z_last[block];
     uint8_t bits_now[block];
     for (size_t i = 0; i < n; i += lanes) {
@@ -160,34 +177,30 @@ void pixels(const PixelRule& r, const float* z, int y, size_t n, uint8_t* classe
         const auto sky = hn::Gt(depth, largest);
         // Points are homogeneous: (x, y, 1) z, and the sky's is the direction alone.
         const V z_or_one = hn::IfThenElse(sky, one, depth);
-        const auto moved = [&](int row) { return hn::IfThenZeroElse(sky, set(r.to_shifted[row][3])); };
-        const V x = hn::Add(hn::ConvertTo(f, hn::Add(hn::Iota(d, 0), hn::Set(d, int32_t(i)))), set(0.5f));
-        // V's image of the point.
-        const V pu = hn::MulAdd(z_or_one, hn::MulAdd(x, set(r.to_shifted[0][0]), row_u), moved(0));
-        const V pv = hn::MulAdd(z_or_one, hn::MulAdd(x, set(r.to_shifted[1][0]), row_v), moved(1));
-        const V pw = hn::MulAdd(z_or_one, hn::MulAdd(x, set(r.to_shifted[2][0]), row_w), moved(2));
-        const auto inside = hn::And(hn::And(hn::And(hn::Gt(pw, zero), hn::Ge(pu, zero)),
-                                            hn::And(hn::Lt(pu, hn::Mul(pw, set(r.shifted_width))), hn::Ge(pv, zero))),
-                                    hn::Lt(pv, hn::Mul(pw, set(r.shifted_height))));
-        // Where the segment enters the ball round V that is taken as free, and whether R looks there. The sky is
-        // looked at from V, in its direction.
-        const V rx = hn::MulAdd(hn::Sub(x, set(0.5f)), set(r.ray_dx), set(r.ray_x0)), ry = set(ray_y);
-        const V cx = set(r.centre[0]), cy = set(r.centre[1]), cz = set(r.centre[2]);
-        const V dx = hn::IfThenElse(sky, rx, hn::MulSub(rx, depth, cx)),
-                dy = hn::IfThenElse(sky, ry, hn::MulSub(ry, depth, cy)),
-                dz = hn::IfThenElse(sky, one, hn::Sub(depth, cz));
-        const V length = hn::Sqrt(hn::MulAdd(dx, dx, hn::MulAdd(dy, dy, hn::Mul(dz, dz))));
-        // centre + clear / length (dx, dy, dz), times length.
-        const V ex = hn::MulAdd(clear, dx, hn::Mul(cx, length)), ey = hn::MulAdd(clear, dy, hn::Mul(cy, length)),
-                ez = hn::MulAdd(clear, dz, hn::Mul(cz, length));
-        const V eu = hn::MulAdd(set(r.fx), ex, hn::Mul(set(r.cx), ez)),
-                ev = hn::MulAdd(set(r.fy), ey, hn::Mul(set(r.cy), ez));
-        const auto looked = hn::And(hn::And(hn::And(hn::Ge(ez, zero), hn::Ge(eu, zero)),
-                                            hn::And(hn::Le(eu, hn::Mul(ez, set(r.width))), hn::Ge(ev, zero))),
-                                    hn::Le(ev, hn::Mul(ez, set(r.height))));
-        const auto asked = hn::Or(sky, hn::Gt(length, clear));
-        const auto bits = hn::Or(hn::IfThenElseZero(hn::RebindMask(d, hn::Not(inside)), hn::Set(d, 2)),
-                                 hn::IfThenElseZero(hn::RebindMask(d, hn::AndNot(looked, asked)), hn::Set(d, 8)));
+        const V x = hn::ConvertTo(f, hn::Add(hn::Iota(d, 0), hn::Set(d, int32_t(i))));
+        auto bits = hn::Zero(d);
+        for (int k = 0; k < r.outside_count; ++k) {
+            const PixelRule::Outside& side = r.outside[k];
+            const V at = hn::MulAdd(x, set(side.at.a), set(outside_at[k]));
+            const V within = hn::MulAdd(z_or_one, at, hn::IfThenZeroElse(sky, set(side.move)));
+            const auto beyond = side.strict ? hn::Le(within, zero) : hn::Lt(within, zero);
+            bits = hn::Or(bits, hn::IfThenElseZero(hn::RebindMask(d, beyond), hn::Set(d, 2)));
+        }
+        if (r.unseen_count) {
+            // The segment from the point enters the ball round V that is taken as free at V + clear_m / length d; the
+            // sky is looked at from V, in its direction.
+            const V rx = hn::MulAdd(x, ray_dx, ray_x0);
+            const V dx = hn::IfThenElse(sky, rx, hn::MulSub(rx, depth, cx)),
+                    dy = hn::IfThenElse(sky, ry, hn::MulSub(ry, depth, cy)),
+                    dz = hn::IfThenElse(sky, one, hn::Sub(depth, cz));
+            const V length2 = hn::MulAdd(dx, dx, hn::MulAdd(dy, dy, hn::Mul(dz, dz)));
+            V nearest = hn::MulAdd(x, set(r.unseen[0].a), set(unseen_at[0]));
+            for (int k = 1; k < r.unseen_count; ++k)
+                nearest = hn::Min(nearest, hn::MulAdd(x, set(r.unseen[k].a), set(unseen_at[k])));
+            const V far = hn::MulAdd(z_or_one, nearest, hn::IfThenZeroElse(sky, clear));
+            const auto unseen = hn::Gt(length2, hn::Mul(far, far));
+            bits = hn::Or(bits, hn::IfThenElseZero(hn::RebindMask(d, unseen), hn::Set(d, 8)));
+        }
         const auto known = hn::RebindMask(d, hn::Gt(depth, least));
         const hn::Rebind<uint8_t, F> bytes;
         uint8_t* target = classes + i;
@@ -220,28 +233,35 @@ void sample(const float* image, int stride, int rows, int first, int step, size_
     const F f;
     const I d;
     const size_t lanes = hn::Lanes(f);
-    const auto last_row = hn::Set(d, rows - 1), zero = hn::Zero(d), lane = hn::Iota(d, 0);
-    for_vectors(n, [&](size_t i) {
-        const auto index = hn::Add(lane, hn::Set(d, int32_t(i)));
-        const auto inside = hn::Min(index, hn::Set(d, int32_t(n) - 1));
-        const auto column = hn::Add(hn::Set(d, first), step > 0 ? inside : hn::Neg(inside));
+    const int32_t left = step > 0 ? first : first - int32_t(n) + 1;
+    const auto one = [&](size_t i, bool whole) {
+        // From the left, whichever way V is: columns left + i and on.
+        const auto index = hn::Min(hn::Add(hn::Iota(d, 0), hn::Set(d, int32_t(i))), hn::Set(d, int32_t(n) - 1));
+        const auto column = hn::Add(hn::Set(d, left), index);
         const V v = hn::Sub(hn::MulAdd(hn::Set(f, slope), hn::ConvertTo(f, column), hn::Set(f, v0)), hn::Set(f, 0.5f));
         const V floor = hn::Floor(v), share = hn::Sub(v, floor);
         const auto row = hn::ConvertTo(d, floor);
-        const auto upper = hn::Min(hn::Max(row, zero), last_row),
-                   lower = hn::Min(hn::Max(hn::Add(row, hn::Set(d, 1)), zero), last_row);
-        const auto pitch = hn::Set(d, stride);
-        V a, b;
-        if (i + lanes <= n && step > 0 && hn::AllTrue(d, hn::Eq(row, hn::Set(d, hn::GetLane(row))))) {
-            // The whole vector lies between two rows.
-            const int32_t r = hn::GetLane(row), c = first + int32_t(i);
-            a = hn::LoadU(f, image + ptrdiff_t(std::clamp(r, 0, rows - 1)) * stride + c);
-            b = hn::LoadU(f, image + ptrdiff_t(std::clamp(r + 1, 0, rows - 1)) * stride + c);
-        } else if (i + lanes <= n && step < 0 && hn::AllTrue(d, hn::Eq(row, hn::Set(d, hn::GetLane(row))))) {
-            const int32_t r = hn::GetLane(row), c = first - int32_t(i + lanes) + 1;
-            a = hn::Reverse(f, hn::LoadU(f, image + ptrdiff_t(std::clamp(r, 0, rows - 1)) * stride + c));
-            b = hn::Reverse(f, hn::LoadU(f, image + ptrdiff_t(std::clamp(r + 1, 0, rows - 1)) * stride + c));
+        V a, b;  // the rows above and below the line
+        const int32_t row_at_left = hn::GetLane(row),
+                      row_at_right = whole ? hn::ExtractLane(row, lanes - 1) : row_at_left;
+        const int32_t top = std::min(row_at_left, row_at_right), crossed = std::max(row_at_left, row_at_right) - top;
+        if (whole && crossed <= most_crossed) {
+            const float* at = image + left + ptrdiff_t(i);
+            const auto row_of = [&](int32_t r) {
+                return hn::LoadU(f, at + ptrdiff_t(std::clamp(r, 0, rows - 1)) * stride);
+            };
+            a = row_of(top), b = row_of(top + 1);
+            V upper = b;
+            for (int32_t k = 1; k <= crossed; ++k) {
+                const V lower = row_of(top + k + 1);
+                const auto here = hn::RebindMask(f, hn::Eq(row, hn::Set(d, top + k)));
+                a = hn::IfThenElse(here, upper, a), b = hn::IfThenElse(here, lower, b);
+                upper = lower;
+            }
         } else {
+            const auto last_row = hn::Set(d, rows - 1), zero = hn::Zero(d), pitch = hn::Set(d, stride);
+            const auto upper = hn::Min(hn::Max(row, zero), last_row),
+                       lower = hn::Min(hn::Max(hn::Add(row, hn::Set(d, 1)), zero), last_row);
             a = hn::GatherIndex(f, image, hn::Add(hn::Mul(upper, pitch), column));
             b = hn::GatherIndex(f, image, hn::Add(hn::Mul(lower, pitch), column));
         }
@@ -251,14 +271,26 @@ void sample(const float* image, int stride, int rows, int first, int step, size_
         const V own = hn::IfThenElse(hn::Lt(hn::Abs(off_middle), hn::Set(f, 1e-3f)), hn::Max(a, b),
                                      hn::IfThenElse(hn::Lt(off_middle, hn::Zero(f)), a, b));
         const V between = hn::MulAdd(share, hn::Sub(b, a), a);
-        hn::StoreU(hn::IfThenElse(torn, own, between), f, q + i);
-    });
+        return hn::IfThenElse(torn, own, between);
+    };
+    if (n < lanes) {
+        float room[block];
+        hn::StoreU(one(0, false), f, room);
+        for (size_t i = 0; i < n; ++i) q[step > 0 ? i : n - 1 - i] = room[i];
+        return;
+    }
+    for (size_t i = 0; i < n; i += lanes) {
+        const size_t at = std::min(i, n - lanes);  // the last vector overlaps the one before
+        if (step > 0)
+            hn::StoreU(one(at, true), f, q + at);
+        else
+            hn::StoreU(hn::Reverse(f, one(at, true)), f, q + (n - lanes - at));
+    }
 }
 
 void take(const Take& rule, size_t n, uint8_t* out) {
     const F f;
     const I d;
-    const hn::Rebind<uint8_t, F> bytes;
     const size_t lanes = hn::Lanes(f);
     for (size_t i = 0; i < n; i += lanes) {
         const bool whole = i + lanes <= n;
@@ -283,15 +315,14 @@ void take(const Take& rule, size_t n, uint8_t* out) {
         const auto place = hn::Add(hn::Set(d, rule.place), hn::Mul(index, hn::Set(d, rule.place_step)));
         const auto offset =
             hn::Add(hn::Mul(hn::Sub(line, hn::Set(d, rule.first_line)), hn::Set(d, rule.stride)), place);
-        const auto four = hn::GatherOffset(d, reinterpret_cast<const int32_t*>(rule.classes), offset);
-        const auto one = hn::DemoteTo(bytes, hn::And(four, hn::Set(d, 255)));
-        if (whole) {
-            hn::StoreU(one, bytes, out + i);
-        } else {
-            uint8_t room[block];
-            hn::StoreU(one, bytes, room);
-            std::memcpy(out + i, room, n - i);
+        if (whole && rule.place_step == 1 && hn::AllTrue(d, hn::Eq(line, hn::Set(d, hn::GetLane(line))))) {
+            std::memcpy(out + i, rule.classes + hn::GetLane(offset), lanes);
+            continue;
         }
+        // One by one: a gather of bytes takes twice as long.
+        int32_t offsets[block];
+        hn::StoreU(offset, d, offsets);
+        for (size_t k = 0; k < std::min(lanes, n - i); ++k) out[i + k] = rule.classes[offsets[k]];
     }
 }
 

@@ -32,12 +32,26 @@ struct LineRule {
     float reach;  ///< of a surface past its last sample, 0 to 1
 };
 
-/// How a pixel's own point lies to V: for `outside` and `unseen`.
+/// a x + b y + c over the pixels of an image.
+struct Linear {
+    float a, b, c;
+};
+
+/// How a pixel's own point lies to V: for `outside` and `unseen`. A frustum's sides that no pixel can leave are left out.
 struct PixelRule {
-    float to_shifted[3][4];                ///< V's homogeneous pixel = M (x + 0.5, y + 0.5, 1, q)
+    /// A side of V's frustum: the pixel's point lies beyond it where z * at + move < 0 (`strict`: where it is 0 too); the
+    /// sky, where at < 0.
+    struct Outside {
+        Linear at;
+        float move;
+        bool strict;
+    };
+    /// A side of R's frustum, beyond which V lies: what the segment enters the ball round V by is beyond it too where V
+    /// is farther off than clear_m + z * at (the sky: than at, with a ray of z = 1).
+    Outside outside[4];
+    Linear unseen[4];
+    int outside_count = 0, unseen_count = 0;
     float ray_x0, ray_y0, ray_dx, ray_dy;  ///< recorded ray of pixel (x, y), z = 1
-    float fx, fy, cx, cy, width, height;   ///< recorded
-    float shifted_width, shifted_height;
     float centre[3];
     float clear_m;
 };

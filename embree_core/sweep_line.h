@@ -18,7 +18,8 @@ inline constexpr size_t block = 16;
 
 inline int32_t key_of(const LineRule& rule, float position, float q) {
     const float clear = 1.0f - rule.centre_z * q;
-    const float disparity = std::fabs(rule.gain0 + rule.gain_step * position) * q / clear;
+    const float beside = std::fabs(rule.gain0 + rule.gain_step * position) * q;
+    const float disparity = rule.centre_z == 0 ? beside : beside / clear;
     const float size = std::min(std::fabs(disparity) * key_scale, largest_disparity_px * key_scale);
     const int32_t place = rule.place0 * int32_t(key_scale) + int32_t(position * key_scale);  // whole: halves of a pixel
     const int32_t whole = int32_t(size + 0.5f);
@@ -31,11 +32,19 @@ public:
     bool empty() const { return ranges_.empty(); }
     void clear() { ranges_.clear(); }
     int32_t highest() const { return ranges_.back().high; }
-    bool holds(int32_t key) const {
-        for (size_t i = ranges_.size(); i-- > 0;)
-            if (key >= ranges_[i].low) return key <= ranges_[i].high;
-        return false;
+    bool holds(int32_t key) const { return holds(lowest_from(key), key); }
+    /// The number of the lowest gap that reaches `key` or higher.
+    size_t lowest_from(int32_t key) const {
+        size_t i = ranges_.size();
+        while (i > 0 && ranges_[i - 1].high >= key) --i;
+        return i;
     }
+    /// The same for a higher key, from the number of a lower one on.
+    size_t next_from(size_t i, int32_t key) const {
+        while (i < ranges_.size() && ranges_[i].high < key) ++i;
+        return i;
+    }
+    bool holds(size_t i, int32_t key) const { return i < ranges_.size() && ranges_[i].low <= key; }
     /// A range above all others.
     void push(int32_t low, int32_t high) { ranges_.push_back({low, high}); }
     /// Takes away what [low, high] covers.
@@ -128,24 +137,32 @@ public:
     void run(size_t begin, size_t end) {
         const int32_t* key = line_.key.data();
         uint8_t* out = line_.classes.data();
+        std::memset(out + begin, 0, end - begin);
         while (end > begin) {
-            const size_t b = (end - 1) / block, in_block = (end - 1) % block;
             if (highest_ == key[end]) {
                 // V sees the surface that reaches sample `end`: as long as it goes on rising, V sees it.
-                const uint32_t down = ~(uint32_t(line_.rising[b]) << (31 - in_block));
-                const size_t run = std::min({size_t(std::countl_zero(down)), in_block + 1, end - begin});
-                if (run > 0) {
-                    std::memset(out + end - run, 0, run);
-                    end -= run;
+                const size_t from = end;
+                for (;;) {
+                    const size_t b = (end - 1) / block, in_block = (end - 1) % block;
+                    const uint32_t down = ~(uint32_t(line_.rising[b]) << (31 - in_block));
+                    const size_t run = size_t(std::countl_zero(down));  // the rest of the block at most
+                    end -= std::min(run, end - begin);
+                    if (run <= in_block || end == begin) break;
+                }
+                if (end < from) {
                     highest_ = key[end];
                     continue;
                 }
+            }
+            if (no_error_ && !torn(end - 1) && key[end - 1] < highest_) {
+                pass_hidden(begin, end);
+                continue;
             }
             const size_t i = --end;
             int32_t start;  // of the surface that ends at sample i
             if (i + 1 == n_)
                 start = begin_at_border(i);
-            else if (line_.torn[b] >> in_block & 1)
+            else if (torn(i))
                 start = pass_tear(i);
             else
                 start = key[i + 1];
@@ -174,12 +191,34 @@ private:
 
     bool solid(size_t i) const { return q_[i] > 1e-20f; }
     bool invalid(size_t i) const { return !(q_[i] >= 0); }
-    bool joined(size_t i) const { return !(line_.torn[i / block] >> (i % block) & 1) && solid(i) && solid(i + 1); }
+    bool torn(size_t i) const { return line_.torn[i / block] >> (i % block) & 1; }
+    bool joined(size_t i) const { return !torn(i) && solid(i) && solid(i + 1); }
 
     /// The key that sample i may have for all that its error and that of what hides it allow.
     int32_t allowed_key(size_t i) const {
         if (no_error_ || !solid(i)) return line_.key[i];
         return std::max(line_.key[i], key_of(rule_, float(i), q_[i] + 2 * rule_.error.at(q_[i])));
+    }
+
+    /// A surface that runs on below the horizon from sample `end`, as long as it rises or falls: what `ask` answers for
+    /// its samples one by one.
+    void pass_hidden(size_t begin, size_t& end) {
+        const int32_t* key = line_.key.data();
+        uint8_t* out = line_.classes.data();
+        const int32_t start = key[end];
+        const auto goes_on = [&] { return end > begin && !torn(end - 1) && key[end - 1] < highest_; };
+        if (key[end - 1] <= start) {
+            while (goes_on() && key[end - 1] <= key[end]) out[--end] = occluded_bit;  // faces away
+            gaps_.cover(key[end], start);
+            return;
+        }
+        size_t gap = gaps_.lowest_from(key[end - 1]);
+        while (goes_on() && key[end - 1] > key[end]) {
+            --end;
+            gap = gaps_.next_from(gap, key[end]);
+            out[end] = gaps_.holds(gap, key[end]) ? unknown_bit : occluded_bit;
+        }
+        gaps_.cover(start, key[end]);
     }
 
     /// The class of a sample with `key`, at the end of a surface that came from `start`.

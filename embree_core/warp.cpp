@@ -6,13 +6,12 @@
 #include <cmath>
 #include <cstring>
 
+#include "embree_core/warp_kernels.h"
+
 namespace vshift {
 namespace {
 
-// Within this of a pixel's centre the pixel itself is meant: rounding leaves no trace in an image that does not move.
-constexpr float snap_px = 1.0f / 1024;
-// V's pixel on the recorded image: up to the first width plain bilinear, never wider than the second.
-constexpr float plain_width_px = 1.5f, widest_px = 8;
+using sampling::plain_width_px, sampling::snap_px, sampling::widest_px;
 
 /// A pixel and the first channel of the next one, as a vector: not of an image's last pixel.
 inline glm::vec4 four(const glm::vec3* pixel) {
@@ -206,40 +205,53 @@ glm::vec3 Sampler::wide(const Place& at, glm::vec2 reach) const {
     return weights > 0 ? sum / weights : image_.at(px, py);
 }
 
+void Sampler::run(const glm::vec2* source_px, glm::vec2 shifted_px, size_t n, const Sight* sight, EdgeBand edge,
+                  glm::vec3* color, uint8_t* missing) const {
+    static_assert(sizeof(glm::vec3) == 3 * sizeof(float) && sizeof(glm::vec2) == 2 * sizeof(float));
+    const sampling::Surface surface{field_.w.data.data(), field_.tears.data.data(), &image_.data[0].x, image_.width,
+                                    image_.height,        x_,                       y_,                z_};
+    sampling::Plan plan;
+    glm::vec2 padded[sampling::most_pixels + sampling::padding];
+    float rgb[3 * sampling::most_pixels + 1];
+    for (size_t first = 0; first < n; first += sampling::most_pixels) {
+        const size_t count = std::min(n - first, sampling::most_pixels);
+        const glm::vec2* from = source_px + first;
+        const glm::vec2 at_px(shifted_px.x + float(first), shifted_px.y);
+        if (count < sampling::most_pixels) {
+            std::fill(std::copy_n(from, count, padded), std::end(padded), glm::vec2(0));
+            from = padded;
+        }
+        sampling::kernels().plan(surface, &from[0].x, at_px.x, at_px.y, count, plan);
+        for (size_t i = 0; i < count; ++i) plan.kind[i] = is_seen(sight[first + i]) ? plan.kind[i] : sampling::other;
+        sampling::kernels().colors(surface, &from[0].x, count, plan, rgb);
+        std::memcpy(color + first, rgb, count * sizeof(glm::vec3));
+        for (size_t i = 0; i < count; ++i) {
+            bool none = false;
+            if (plan.kind[i] == sampling::other)
+                none = !is_seen(sight[first + i]) ||
+                       !sample(from[i], {at_px.x + float(i), at_px.y}, edge, color[first + i]);
+            missing[first + i] = none;
+        }
+    }
+}
+
 namespace {
 
-/// `source(i)` gives the sampler of pixel i, or null.
-template <class Source>
-void warp_from(int width, int height, const Grid<glm::vec2>& source_px, EdgeBand edge, const Source& source,
-               ColorImage& color, Mask& missing) {
+void fit(int width, int height, ColorImage& color, Mask& missing) {
     if (color.width != width || color.height != height) color = ColorImage(width, height);
     if (missing.width != width || missing.height != height) missing = Mask(width, height);
-    tbb::parallel_for(0, height, [&](int y) {
-        const size_t first = size_t(y) * size_t(width);
-        const glm::vec2* const from = &source_px.data[first];
-        glm::vec3* const to = &color.data[first];
-        constexpr int chunk = 64;
-        bool none[chunk];  // of its own type: a byte written to the mask could alias all that is read
-        for (int x0 = 0; x0 < width; x0 += chunk) {
-            const int x1 = std::min(x0 + chunk, width);
-            for (int x = x0; x < x1; ++x) {
-                const Sampler* sampler = source(first + size_t(x));
-                glm::vec3 found(0);
-                none[x - x0] = !(sampler && sampler->sample(from[x], glm::vec2(float(x) + 0.5f, float(y) + 0.5f), edge,
-                                                            found));
-                to[x] = found;
-            }
-            std::copy(none, none + (x1 - x0), &missing.data[first + size_t(x0)]);
-        }
-    });
 }
 
 }  // namespace
 
 void warp(const Reprojection& shown, const Sampler& sampler, EdgeBand edge, ColorImage& color, Mask& missing) {
-    warp_from(
-        shown.sight.width, shown.sight.height, shown.source_px, edge,
-        [&](size_t at) { return is_seen(shown.sight.data[at]) ? &sampler : nullptr; }, color, missing);
+    const int width = shown.sight.width, height = shown.sight.height;
+    fit(width, height, color, missing);
+    tbb::parallel_for(0, height, [&](int y) {
+        const size_t first = size_t(y) * size_t(width);
+        sampler.run(&shown.source_px.data[first], {0.5f, float(y) + 0.5f}, size_t(width), &shown.sight.data[first], edge,
+                    &color.data[first], &missing.data[first]);
+    });
 }
 
 Warped warp(const Reprojection& shown, const Sampler& sampler, EdgeBand edge) {
@@ -250,10 +262,16 @@ Warped warp(const Reprojection& shown, const Sampler& sampler, EdgeBand edge) {
 
 Warped warp(const ShiftedHoles& seen, const std::vector<Sampler>& samplers, EdgeBand edge) {
     Warped out;
-    warp_from(
-        seen.hole.width, seen.hole.height, seen.source_px, edge,
-        [&](size_t at) { return seen.source.data[at] >= 0 ? &samplers.at(size_t(seen.source.data[at])) : nullptr; },
-        out.color, out.missing);
+    fit(seen.hole.width, seen.hole.height, out.color, out.missing);
+    tbb::parallel_for(0, seen.hole.height, [&](int y) {
+        for (int x = 0; x < seen.hole.width; ++x) {
+            const size_t at = size_t(y) * size_t(seen.hole.width) + size_t(x);
+            const int source = seen.source.data[at];
+            out.missing.data[at] = source < 0 || !samplers.at(size_t(source)).sample(seen.source_px.data[at],
+                                                                                    {x + 0.5f, y + 0.5f}, edge,
+                                                                                    out.color.data[at]);
+        }
+    });
     return out;
 }
 

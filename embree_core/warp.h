@@ -22,6 +22,10 @@ public:
     glm::vec3 at(glm::vec2 source_px, glm::vec2 shifted_px) const;
     /// `at`, unless the place is an edge and these are dropped: then false.
     bool sample(glm::vec2 source_px, glm::vec2 shifted_px, EdgeBand edge, glm::vec3& color) const;
+    /// `sample` for a run of V's pixels, the first at `shifted_px`: places that are not `seen` (and dropped edges) become
+    /// black, and `missing`.
+    void run(const glm::vec2* source_px, glm::vec2 shifted_px, size_t n, const Sight* sight, EdgeBand edge,
+             glm::vec3* color, uint8_t* missing) const;
     /// Whether the position lies on the far side of a tear, nearer to it than the last pixel's centre.
     bool is_edge(glm::vec2 source_px) const;
 

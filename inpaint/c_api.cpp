@@ -7,7 +7,7 @@
 
 #include "embree_core/image_file.h"
 #include "embree_core/version.h"
-#include "inpaint/train.h"
+#include "inpaint/api_support.h"
 
 using namespace vshift;
 using namespace vshift::inpaint;
@@ -25,36 +25,6 @@ struct vshift_inpaint_stream {
 
 namespace {
 
-thread_local std::string last_error;
-
-/// Exceptions end here. Torch's are long and tell of frames: the first line will do.
-template <class Work>
-int guarded(Work work) {
-    try {
-        work();
-        return 0;
-    } catch (const Error& e) {
-        last_error = e.what();
-        return int(e.code());
-    } catch (const c10::Error& e) {
-        const std::string text = e.what_without_backtrace();
-        const bool memory = text.find("memory") != std::string::npos;
-        last_error = std::string(memory ? "memory" : "torch") + ": got " + text.substr(0, text.find('\n')) +
-                     (memory ? ", expected enough for the request" : ", expected no error");
-        return int(memory ? ExitCode::over_limit : ExitCode::our_bug);
-    } catch (const std::bad_alloc&) {
-        last_error = "memory: got none, expected enough for the request";
-        return int(ExitCode::over_limit);
-    } catch (const std::exception& e) {
-        last_error = std::string("internal: got ") + e.what() + ", expected no exception (please report this)";
-        return int(ExitCode::our_bug);
-    }
-}
-
-void require(bool given, const char* what) {
-    if (!given) throw Error(ExitCode::our_bug, std::string(what) + ": got NULL, expected one");
-}
-
 Tensor copied(const float* data, int64_t channels, const vshift_inpaint_views& v, const char* what) {
     require(data, what);
     Tensor t = at::empty({1, channels, v.frames, v.height, v.width}, at::kFloat);
@@ -71,13 +41,20 @@ Views views_of(const vshift_inpaint_views& v, bool training) {
             training && v.weight ? copied(v.weight, 1, v, "views: weight") : Tensor()};
 }
 
-struct TrainRequest {
-    ModelConfig model;
-    TrainOptions train;
-    std::string model_file, curve_file, license, record, autoencoder_file, regression_file;
-};
+}  // namespace
 
-TrainRequest parse_request(const char* text) {
+namespace vshift::inpaint {
+
+std::string& last_error() {
+    thread_local std::string line;
+    return line;
+}
+
+void require(bool given, const char* what) {
+    if (!given) throw Error(ExitCode::our_bug, std::string(what) + ": got NULL, expected one");
+}
+
+TrainRequest parse_train_request(const char* text) {
     const auto json = nlohmann::json::parse(text, nullptr, false);
     TrainRequest r;
     if (!json.is_object()) throw Error(ExitCode::bad_input, "train: options: got no JSON object, expected one");
@@ -99,7 +76,7 @@ TrainRequest parse_request(const char* text) {
             if (!value.is_string()) refuse("a string");
             return value.get<std::string>();
         };
-        if (key == "model") r.model = parse_model_config(value.dump(), "train: model");
+        if (key == "model") r.model = value.dump();
         else if (key == "steps") r.train.steps = whole(1, 100000000);
         else if (key == "batch") r.train.batch = whole(1, 4096);
         else if (key == "accumulate") r.train.accumulate = whole(1, 4096);
@@ -120,7 +97,21 @@ TrainRequest parse_request(const char* text) {
     return r;
 }
 
-}  // namespace
+std::map<std::string, std::string> training_metadata(const TrainRequest& r, const TrainState& state, const nlohmann::ordered_json& more) {
+    nlohmann::ordered_json record = r.record.empty() ? nlohmann::ordered_json::object() : nlohmann::ordered_json::parse(r.record);
+    record["steps"] = state.step;
+    record["batch"] = r.train.batch * r.train.accumulate;
+    record["learning_rate"] = r.train.learning_rate;
+    record["seed"] = r.train.seed;
+    record["last_loss"] = state.curve.back()[1];
+    record["made_with"] = vshift_inpaint_version();
+    if (!more.is_null()) record.update(more);
+    std::map<std::string, std::string> metadata{{"training", record.dump()}};
+    if (!r.license.empty()) metadata["license"] = r.license;
+    return metadata;
+}
+
+}  // namespace vshift::inpaint
 
 const char* vshift_inpaint_version(void) {
     static const std::string text = std::string("vshift ") + version_string + ", LibTorch " + TORCH_VERSION;
@@ -128,7 +119,7 @@ const char* vshift_inpaint_version(void) {
 }
 
 const char* vshift_inpaint_last_error(void) {
-    return last_error.c_str();
+    return last_error().c_str();
 }
 
 int vshift_inpaint_set_threads(int threads) {
@@ -157,9 +148,10 @@ int vshift_inpaint_train(const char* options_json, vshift_inpaint_sample sample,
                          void* user) {
     return guarded([&] {
         require(options_json && sample, "train");
-        const TrainRequest r = parse_request(options_json);
-        Model model = r.autoencoder_file.empty() ? initial_model(r.model, r.train.seed)
-                                                 : initial_model(r.model, r.train.seed, r.autoencoder_file);
+        const TrainRequest r = parse_train_request(options_json);
+        const ModelConfig config = parse_model_config(r.model, "train: model");
+        Model model = r.autoencoder_file.empty() ? initial_model(config, r.train.seed)
+                                                 : initial_model(config, r.train.seed, r.autoencoder_file);
         if (!r.regression_file.empty()) begin_with_regression(model, r.regression_file);
         const uint64_t frozen = hash_of(model.vae.weights);
         bool stopped = false;
@@ -174,21 +166,12 @@ int vshift_inpaint_train(const char* options_json, vshift_inpaint_sample sample,
             stopped = progress && progress(user, step, r.train.steps, loss) != 0;
             return !stopped;
         };
-        const auto start = std::chrono::steady_clock::now();
         const TrainState state = train(model, r.train, hooks);
-        const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
         if (!r.curve_file.empty()) write_whole_file(r.curve_file, curve_csv(state));
         if (stopped) throw interrupted_error();
         if (hash_of(model.vae.weights) != frozen)
             throw Error(ExitCode::our_bug, "train: autoencoder: got other weights, expected them frozen");
-        nlohmann::ordered_json record = r.record.empty() ? nlohmann::ordered_json::object() : nlohmann::ordered_json::parse(r.record);
-        record["steps"] = state.step;
-        record["batch"] = r.train.batch * r.train.accumulate;
-        record["learning_rate"] = r.train.learning_rate;
-        record["seed"] = r.train.seed;
-        record["seconds_of_last_run"] = seconds;
-        record["last_loss"] = state.curve.back()[1];
-        record["made_with"] = vshift_inpaint_version();
+        nlohmann::ordered_json record;
         if (model.config.kind == Kind::autoencoder) {
             std::vector<Views> checks;
             for (uint64_t i = 0; i < 24; ++i) checks.push_back(hooks.views(VSHIFT_INPAINT_CHECKS + i));
@@ -197,8 +180,7 @@ int vshift_inpaint_train(const char* options_json, vshift_inpaint_sample sample,
             model.config.vae.std = back.std;
             record["reconstruction_db"] = back.psnr_db;
         }
-        model.metadata["training"] = record.dump();
-        if (!r.license.empty()) model.metadata["license"] = r.license;
+        model.metadata = training_metadata(r, state, record);
         if (!r.model_file.empty()) save_model(r.model_file, model, state.average);
     });
 }
@@ -217,6 +199,10 @@ int vshift_inpaint_model_open(const char* file, vshift_inpaint_model** out) {
 
 void vshift_inpaint_model_free(vshift_inpaint_model* model) {
     delete model;
+}
+
+int32_t vshift_inpaint_model_piece(const vshift_inpaint_model* model) {
+    return model ? int32_t(piece_frames(model->model.config)) : 1;
 }
 
 const char* vshift_inpaint_model_config(const vshift_inpaint_model* model) {

@@ -55,6 +55,8 @@ typedef struct vshift_inpaint_model vshift_inpaint_model;
 typedef struct vshift_inpaint_stream vshift_inpaint_stream;
 VSHIFT_INPAINT_API int vshift_inpaint_model_open(const char* file, vshift_inpaint_model** out);
 VSHIFT_INPAINT_API void vshift_inpaint_model_free(vshift_inpaint_model* model);
+/* A stream's first piece is one frame; the frames of later ones are a multiple of this: 1, or as many as a latent holds. */
+VSHIFT_INPAINT_API int32_t vshift_inpaint_model_piece(const vshift_inpaint_model* model);
 /* Lives as long as the model. */
 VSHIFT_INPAINT_API const char* vshift_inpaint_model_config(const vshift_inpaint_model* model);
 VSHIFT_INPAINT_API int vshift_inpaint_stream_open(const vshift_inpaint_model* model, int32_t steps, uint64_t seed,

@@ -2,6 +2,7 @@
 #include "inpaint/model.h"
 
 #include <ATen/CPUGeneratorImpl.h>
+#include <time.h>
 
 #include <algorithm>
 #include <array>
@@ -38,6 +39,12 @@ const char* trained_prefix(const ModelConfig& c) {
 
 [[noreturn]] void refuse(const std::string& where, const std::string& got, const std::string& expected) {
     throw Error(ExitCode::bad_input, where + ": got " + got + ", expected " + expected);
+}
+
+double cpu_s() {
+    timespec t{};
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+    return double(t.tv_sec) + 1e-9 * double(t.tv_nsec);
 }
 
 uint64_t mixed(uint64_t seed, uint64_t number) {
@@ -335,13 +342,20 @@ Tensor noise(at::IntArrayRef sizes, uint64_t seed, uint64_t number) {
     return at::randn(sizes, at::detail::createCPUGenerator(mixed(seed, number)), at::TensorOptions().dtype(at::kFloat));
 }
 
+int64_t piece_frames(const ModelConfig& config) {
+    return in_pixels(config) ? 1 : vae_frames(config.vae);
+}
+
 Tensor inpaint(const Model& model, const Views& input, int steps, uint64_t seed, Stream& stream) {
     at::NoGradGuard no_grad;
     const ModelConfig& c = model.config;
     const int64_t H = input.fill.size(3), W = input.fill.size(4);
     Views v = padded(c, input);
     v.target = Tensor();
+    double since = cpu_s();
+    const auto spent = [&](double& on) { on += cpu_s() - since, since = cpu_s(); };
     const Example e = prepare(model, v, nullptr, &stream.condition);
+    spent(stream.cpu_s.encode);
     const int64_t frames = e.condition.size(2);
     const std::vector<double> times = flow_times(c.flow ? steps : 1, c.time_shift);
     if (c.window > 0) stream.caches.resize(times.size() - 1);
@@ -362,8 +376,10 @@ Tensor inpaint(const Model& model, const Views& input, int steps, uint64_t seed,
         return open * velocity(model, model.weights, z, at::full({z.size(0)}, t, z.options()), e.condition, options);
     });
     stream.frames += frames;
+    spent(stream.cpu_s.network);
 
     const Tensor made = in_pixels(c) ? v.fill + z0 / c.residual_scale : (vae_decode(model.vae, z0, stream.output) + 1) / 2;
+    spent(stream.cpu_s.decode);
     const Tensor cropped = made.narrow(3, 0, H).narrow(4, 0, W).clamp(0, 1);
     return at::where(at::maximum(input.hole, input.neighbor) > 0, cropped, input.fill);
 }

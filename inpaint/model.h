@@ -92,7 +92,12 @@ struct Stream {
     int64_t frames = 0;
     std::vector<DitCache> caches;  ///< one for each sampling step
     VaeState condition, output;
+    struct {
+        double encode = 0, network = 0, decode = 0;
+    } cpu_s;  ///< of the process, so far: where the time goes
 };
+/// What the frames of a stream's pieces are a multiple of, after the first, which is one frame.
+int64_t piece_frames(const ModelConfig& config);
 
 /// The filled view(s), [B, 3, F, H, W] in 0..1, any H and W. `steps` counts for flow alone; the noise depends on the
 /// seed and the frame's number, so that a stream in any pieces gives the same pictures. Models without a window take a

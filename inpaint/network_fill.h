@@ -2,16 +2,16 @@
 // Role: a model as one more way to fill a view's holes, frame after frame. Stage: inpaint. No Torch here: the library
 // that has it is loaded on construction.
 #pragma once
-#include <map>
 #include <string>
+#include <vector>
 
 #include "embree_core/fill.h"
 #include "inpaint/c_api.h"
 
 namespace vshift::inpaint {
 
-/// A model and its streams: one for each camera and shift, whose frames come in order. Throws Error: io_failed without
-/// the library or the file, bad_input for what the file holds.
+/// A model and one stream of it at a time. Throws Error: io_failed without the library or the file, bad_input for what
+/// the file holds.
 class NetworkFill {
 public:
     /// `steps` counts for flow models; `threads` are Torch's, 0: as many as there are cores.
@@ -20,15 +20,24 @@ public:
     NetworkFill(const NetworkFill&) = delete;
     NetworkFill& operator=(const NetworkFill&) = delete;
 
-    /// The next frame of `stream`. Known pixels come back bit for bit, as from fill(). Linear RGB.
-    ColorImage next(const HoledView& view, const std::string& stream = "");
+    /// Whether a frame depends on those before it, so that the frames of a camera and shift must come in order.
+    bool looks_back() const { return looks_back_; }
+    /// A new stream: what came before is forgotten.
+    void begin();
+    /// Frames to a piece, after a stream's first, which is one frame.
+    int piece() const { return piece_; }
+    /// The stream's next piece, of one size; at its end fewer frames will do (the last is then taken again: a latent's
+    /// frames are made together). Known pixels come back bit for bit, as from fill(). Linear RGB. Where the model does
+    /// not look back, each is a stream of its own.
+    std::vector<ColorImage> next(const std::vector<HoledView>& views);
 
 private:
     const int steps_;
     const uint64_t noise_seed_;
     vshift_inpaint_model* model_ = nullptr;
-    bool looks_back_ = false;  ///< frames depend on those before
-    std::map<std::string, vshift_inpaint_stream*> streams_;
+    bool looks_back_ = false, begun_ = false;
+    int piece_ = 1;
+    vshift_inpaint_stream* stream_ = nullptr;
 };
 
 }  // namespace vshift::inpaint

@@ -1,54 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "inpaint/network_library.h"
 
-#include <dlfcn.h>
-
 #include <cstdio>
-#include <cstdlib>
-#include <filesystem>
-#include <vector>
 
+#include "embree_core/own_library.h"
 #include "embree_core/types.h"
 
 namespace vshift::inpaint {
 namespace {
 
-namespace fs = std::filesystem;
-
-void* open_library() {
-    constexpr const char* name = "libvshift_inpaint.so";
-    std::vector<std::string> places;
-    if (const char* given = std::getenv("VSHIFT_INPAINT_LIBRARY")) {
-        places.push_back(given);
-    } else {
-        std::error_code error;
-        const fs::path program = fs::read_symlink("/proc/self/exe", error);
-        if (!error)
-            for (const char* folder : {"../lib", "."}) {
-                const fs::path file = program.parent_path() / folder / name;
-                if (fs::exists(file, error)) places.push_back(file.string());
-            }
-        places.push_back(name);
-    }
-    std::string reason;
-    for (const std::string& place : places) {
-        if (void* handle = ::dlopen(place.c_str(), RTLD_NOW | RTLD_LOCAL)) return handle;
-        if (reason.empty()) reason = ::dlerror();
-    }
-    throw Error(ExitCode::io_failed, "inpaint: network: got " + reason +
-                                         ", expected libvshift_inpaint.so (install libtorch-dev and libopenblas0-openmp "
-                                         "and build again)");
-}
+const OwnLibrary own{"inpaint: network", "libvshift_inpaint.so", "VSHIFT_INPAINT_LIBRARY",
+                     "install libtorch-dev and libopenblas0-openmp and build again"};
 
 template <class Function>
 void look_up(void* handle, const char* name, Function& to) {
-    to = reinterpret_cast<Function>(::dlsym(handle, name));
-    if (!to) throw Error(ExitCode::io_failed, std::string("inpaint: network: got a library without ") + name +
-                                                  ", expected one of this version");
+    to = reinterpret_cast<Function>(own_function(handle, own, name));
 }
 
 NetworkLibrary load() {
-    void* handle = open_library();
+    void* handle = open_library(own);
     NetworkLibrary l{};
     look_up(handle, "vshift_inpaint_version", l.version);
     look_up(handle, "vshift_inpaint_last_error", l.last_error);
@@ -57,10 +27,15 @@ NetworkLibrary load() {
     look_up(handle, "vshift_inpaint_train", l.train);
     look_up(handle, "vshift_inpaint_model_open", l.model_open);
     look_up(handle, "vshift_inpaint_model_free", l.model_free);
+    look_up(handle, "vshift_inpaint_model_piece", l.model_piece);
     look_up(handle, "vshift_inpaint_model_config", l.model_config);
     look_up(handle, "vshift_inpaint_stream_open", l.stream_open);
     look_up(handle, "vshift_inpaint_stream_free", l.stream_free);
     look_up(handle, "vshift_inpaint_stream_next", l.stream_next);
+    look_up(handle, "vshift_depth_train", l.depth_train);
+    look_up(handle, "vshift_depth_model_open", l.depth_model_open);
+    look_up(handle, "vshift_depth_model_free", l.depth_model_free);
+    look_up(handle, "vshift_depth_of", l.depth_of);
     return l;
 }
 

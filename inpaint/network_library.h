@@ -5,10 +5,11 @@
 #include <string>
 
 #include "inpaint/c_api.h"
+#include "inpaint/depth_api.h"
 
 namespace vshift::inpaint {
 
-/// The functions of c_api.h, looked up once.
+/// The functions of c_api.h and depth_api.h, looked up once.
 struct NetworkLibrary {
     decltype(&vshift_inpaint_version) version;
     decltype(&vshift_inpaint_last_error) last_error;
@@ -17,10 +18,15 @@ struct NetworkLibrary {
     decltype(&vshift_inpaint_train) train;
     decltype(&vshift_inpaint_model_open) model_open;
     decltype(&vshift_inpaint_model_free) model_free;
+    decltype(&vshift_inpaint_model_piece) model_piece;
     decltype(&vshift_inpaint_model_config) model_config;
     decltype(&vshift_inpaint_stream_open) stream_open;
     decltype(&vshift_inpaint_stream_free) stream_free;
     decltype(&vshift_inpaint_stream_next) stream_next;
+    decltype(&vshift_depth_train) depth_train;
+    decltype(&vshift_depth_model_open) depth_model_open;
+    decltype(&vshift_depth_model_free) depth_model_free;
+    decltype(&vshift_depth_of) depth_of;
 };
 
 /// Looks in $VSHIFT_INPAINT_LIBRARY, then in ../lib and . beside the program, then where the system looks. Throws Error

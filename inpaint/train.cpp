@@ -10,14 +10,14 @@ namespace {
 namespace fs = std::filesystem;
 
 /// What makes a run: a checkpoint of another one is refused.
-std::string run_of(const Model& model, const TrainOptions& o) {
-    return nlohmann::ordered_json{{"config", json_of(model.config)}, {"steps", o.steps},   {"batch", o.batch},
+std::string run_of(const std::string& config, const TrainOptions& o) {
+    return nlohmann::ordered_json{{"config", config},                {"steps", o.steps},   {"batch", o.batch},
                                   {"accumulate", o.accumulate},      {"seed", o.seed},     {"learning_rate", o.learning_rate},
                                   {"weight_decay", o.weight_decay},  {"ema", o.ema}}
         .dump();
 }
 
-void write_checkpoint(const Model& model, const TrainOptions& options, const TrainState& state) {
+void write_checkpoint(const std::string& config, const TrainOptions& options, const TrainState& state) {
     std::vector<Tensor> kept;
     std::vector<StoredTensor> stored;
     const auto add = [&](const std::string& name, const Tensor& t) {
@@ -32,13 +32,13 @@ void write_checkpoint(const Model& model, const TrainOptions& options, const Tra
         std::copy(state.curve[i].begin(), state.curve[i].end(), curve.data_ptr<double>() + 3 * i);
     add("curve", curve);
     write_tensor_file(options.checkpoint_file, stored,
-                      {{"run", run_of(model, options)}, {"step", std::to_string(state.step)}});
+                      {{"run", run_of(config, options)}, {"step", std::to_string(state.step)}});
 }
 
-TrainState read_checkpoint(const Model& model, const TrainOptions& options) {
+TrainState read_checkpoint(const std::string& config, const Weights& like, const TrainOptions& options) {
     const TensorFiles files(options.checkpoint_file);
     const auto& metadata = files.metadata();
-    if (!metadata.count("run") || metadata.at("run") != run_of(model, options))
+    if (!metadata.count("run") || metadata.at("run") != run_of(config, options))
         throw Error(ExitCode::bad_input, files.file() + ": run: got a checkpoint of another one, expected the same "
                                                         "model, steps, batch and seed (remove it to begin anew)");
     TrainState s;
@@ -50,7 +50,7 @@ TrainState read_checkpoint(const Model& model, const TrainOptions& options) {
     if (rows->bytes) std::memcpy(s.curve.data(), rows->data, rows->bytes);
     for (const auto& [prefix, group] : {std::pair<const char*, Weights*>{"weights.", &s.weights}, {"first.", &s.first},
                                         {"second.", &s.second}, {"average.", &s.average}})
-        for (const auto& [name, t] : model.weights) {
+        for (const auto& [name, t] : like) {
             const StoredTensor* stored = files.find(prefix + name);
             if (!stored || stored->shape != Shape(t.sizes().begin(), t.sizes().end()))
                 throw Error(ExitCode::bad_input, files.file() + ": " + prefix + name + ": got none of its shape, expected it");
@@ -73,14 +73,7 @@ Views gathered(const TrainHooks& hooks, uint64_t first, int64_t count) {
             joined(&Views::target), joined(&Views::weight)};
 }
 
-}  // namespace
-
-double cosine_rate(double rate, int64_t step, int64_t steps) {
-    return rate * 0.5 * (1 + std::cos(3.14159265358979323846 * double(step) / double(steps)));
-}
-
-std::pair<double, Weights> gradients(const Model& model, const Weights& weights, const TrainOptions& o, int64_t step,
-                                     const TrainHooks& hooks) {
+std::pair<double, Weights> gradients(const Weights& weights, const TrainOptions& o, int64_t step, const LossOfPass& loss_of_pass) {
     std::vector<Tensor> leaves;
     Weights tracked;
     for (const auto& [name, t] : weights) {
@@ -90,22 +83,7 @@ std::pair<double, Weights> gradients(const Model& model, const Weights& weights,
     std::vector<Tensor> sums;
     double loss = 0;
     for (int64_t pass = 0; pass < o.accumulate; ++pass) {
-        const uint64_t first = uint64_t(step * o.accumulate * o.batch + pass * o.batch);
-        Example e = prepare(model, padded(model.config, gathered(hooks, first, o.batch)));
-        const at::Device device = leaves[0].device();
-        for (Tensor* t : {&e.z0, &e.condition, &e.may_change, &e.weight}) *t = t->to(device);
-        const auto one = noise_sizes(model, e);
-        const bool noisy = model.config.flow || model.config.kind == Kind::autoencoder;
-        std::vector<Tensor> noises, times;
-        for (int64_t i = 0; i < o.batch && noisy; ++i) {
-            const uint64_t sample = first + uint64_t(i);
-            noises.push_back(noise(one, o.seed, 2 * sample));
-            // Uniform by way of a normal number's distribution: one source of numbers for all.
-            const double u = 0.5 * std::erfc(-noise({1}, o.seed, 2 * sample + 1).item<double>() / std::sqrt(2.0));
-            times.push_back(at::full({1}, shifted_time(u, model.config.time_shift)));
-        }
-        const Tensor l = loss_of(model, tracked, e, noisy ? at::cat(noises, 0).to(device) : Tensor(),
-                                 noisy ? at::cat(times, 0).to(device) : Tensor()) / double(o.accumulate);
+        const Tensor l = loss_of_pass(tracked, step, pass) / double(o.accumulate);
         const auto grads = torch::autograd::grad({l}, leaves, {}, {}, false, true);
         loss += l.item<double>();
         if (sums.empty()) sums.resize(grads.size());
@@ -121,13 +99,51 @@ std::pair<double, Weights> gradients(const Model& model, const Weights& weights,
     return {loss, out};
 }
 
-TrainState train(const Model& model, const TrainOptions& o, const TrainHooks& hooks) {
+/// A model's loss in a pass: samples, their noise and times follow from the seed and the samples' numbers.
+LossOfPass loss_of_model(const Model& model, const TrainOptions& o, const TrainHooks& hooks) {
+    return [&](const Weights& weights, int64_t step, int64_t pass) {
+        const uint64_t first = uint64_t(step * o.accumulate * o.batch + pass * o.batch);
+        Example e = prepare(model, padded(model.config, gathered(hooks, first, o.batch)));
+        const at::Device device = weights.begin()->second.device();
+        for (Tensor* t : {&e.z0, &e.condition, &e.may_change, &e.weight}) *t = t->to(device);
+        const auto one = noise_sizes(model, e);
+        const bool noisy = model.config.flow || model.config.kind == Kind::autoencoder;
+        std::vector<Tensor> noises, times;
+        for (int64_t i = 0; i < o.batch && noisy; ++i) {
+            const uint64_t sample = first + uint64_t(i);
+            noises.push_back(noise(one, o.seed, 2 * sample));
+            // Uniform by way of a normal number's distribution: one source of numbers for all.
+            const double u = 0.5 * std::erfc(-noise({1}, o.seed, 2 * sample + 1).item<double>() / std::sqrt(2.0));
+            times.push_back(at::full({1}, shifted_time(u, model.config.time_shift)));
+        }
+        return loss_of(model, weights, e, noisy ? at::cat(noises, 0).to(device) : Tensor(),
+                       noisy ? at::cat(times, 0).to(device) : Tensor());
+    };
+}
+
+}  // namespace
+
+double cosine_rate(double rate, int64_t step, int64_t steps) {
+    return rate * 0.5 * (1 + std::cos(3.14159265358979323846 * double(step) / double(steps)));
+}
+
+std::pair<double, Weights> gradients(const Model& model, const Weights& weights, const TrainOptions& options,
+                                     int64_t step, const TrainHooks& hooks) {
+    return gradients(weights, options, step, loss_of_model(model, options, hooks));
+}
+
+TrainState train(const Model& model, const TrainOptions& options, const TrainHooks& hooks) {
+    return train(json_of(model.config), model.weights, options, loss_of_model(model, options, hooks), hooks.after_step);
+}
+
+TrainState train(const std::string& config, const Weights& initial, const TrainOptions& o, const LossOfPass& loss_of_pass,
+                 const std::function<bool(int64_t, double)>& after_step) {
     TrainState s;
     std::error_code error;
     if (!o.checkpoint_file.empty() && fs::exists(o.checkpoint_file, error)) {
-        s = read_checkpoint(model, o);
+        s = read_checkpoint(config, initial, o);
     } else {
-        for (const auto& [name, t] : model.weights) {
+        for (const auto& [name, t] : initial) {
             s.weights[name] = t.detach().clone();
             s.average[name] = t.detach().clone();
             s.first[name] = at::zeros_like(t);
@@ -135,7 +151,7 @@ TrainState train(const Model& model, const TrainOptions& o, const TrainHooks& ho
         }
     }
     while (s.step < o.steps) {
-        auto [loss, grads] = gradients(model, s.weights, o, s.step, hooks);
+        auto [loss, grads] = gradients(s.weights, o, s.step, loss_of_pass);
         if (!std::isfinite(loss))
             throw Error(ExitCode::bad_input, "train: loss: got " + std::to_string(loss) + " at step " +
                                                  std::to_string(s.step) + ", expected a finite one (lower the learning rate)");
@@ -156,9 +172,9 @@ TrainState train(const Model& model, const TrainOptions& o, const TrainHooks& ho
             s.average.at(name).mul_(keep).add_(w, 1 - keep);
         }
         s.curve.push_back({double(s.step), loss, rate});
-        const bool go_on = !hooks.after_step || hooks.after_step(s.step, loss);
+        const bool go_on = !after_step || after_step(s.step, loss);
         const bool due = o.checkpoint_every > 0 && s.step % o.checkpoint_every == 0;
-        if (!o.checkpoint_file.empty() && (due || !go_on)) write_checkpoint(model, o, s);
+        if (!o.checkpoint_file.empty() && (due || !go_on)) write_checkpoint(config, o, s);
         if (!go_on) break;
     }
     return s;

@@ -45,6 +45,12 @@ std::pair<double, Weights> gradients(const Model& model, const Weights& weights,
 /// Runs to the end, or until a hook stops it. Throws Error bad_input when a checkpoint belongs to another run.
 TrainState train(const Model& model, const TrainOptions& options, const TrainHooks& hooks);
 
+/// The same for anything with a loss: `config` tells its checkpoints from others, `loss` is the mean of pass `pass` (of
+/// `accumulate`) of a step.
+using LossOfPass = std::function<Tensor(const Weights& weights, int64_t step, int64_t pass)>;
+TrainState train(const std::string& config, const Weights& initial, const TrainOptions& options, const LossOfPass& loss,
+                 const std::function<bool(int64_t step, double loss)>& after_step);
+
 /// "step,loss,learning_rate"
 std::string curve_csv(const TrainState& state);
 

@@ -5,6 +5,7 @@
 #include <cstring>
 #include <random>
 
+#include "embree_core/ray_filter.h"
 #include "tests/catch.h"
 #include "tests/minimal_support.h"
 
@@ -263,4 +264,26 @@ TEST_CASE("every closed form holds under a tolerance of 0.02 px, and masks stay 
             CHECK(count(holes(still, as_shifted(r)).hole) == 0);
         }
     }
+}
+
+TEST_CASE("rays where they are needed say what rays everywhere say", "[filter]") {
+    size_t asked = 0, spared = 0;
+    for (const std::string& name : scene_names())
+        for (const Shift& by : {moved(0, 1), moved(0, -2), moved(1, 0), moved(-1.5, 0), moved(0.5, 1, 0.2),
+                                moved(2, -1), moved(0, 0.05), moved(0, 0, 0.5), moved(0, 0)}) {
+            const MinimalScene s = make_scene(name, {320, 240});
+            const Case c = lift_scene(s, by);
+            const RecordedMasks few = mask(c.rig, as_shifted(c.v), clear_m),
+                                all = mask(c.rig, as_shifted(c.v), clear_m, Casting::everywhere);
+            INFO(name << " ahead " << by.translation_m.x << " left " << by.translation_m.y << " up " << by.translation_m.z);
+            CHECK(differing(few.occluded, all.occluded) + differing(few.unknown, all.unknown) +
+                      differing(few.unseen, all.unseen) + differing(few.outside, all.outside) ==
+                  0);
+            const LiftedView& own = c.rig.views[size_t(c.rig.own)];
+            const RayFilter filter(own.mesh, inverse(own.world_from_cam).point(c.v.world_from_cam.translation_m));
+            for (int y = 0; y < few.lost.height; ++y)
+                for (int x = 0; x < few.lost.width; ++x) ++(filter.sees(x, y) ? spared : asked);
+        }
+    INFO(spared << " spared, " << asked << " asked");
+    CHECK(spared > asked);
 }

@@ -13,6 +13,7 @@
 #include <cstring>
 #include <functional>
 #include <limits>
+#include <numeric>
 #include <set>
 
 #include "embree_core/image_file.h"
@@ -178,6 +179,34 @@ TEST_CASE("EXR takes half and float side by side", "[image_file]") {
     write_image(dir / "b.exr", back, {SampleType::float16, SampleType::float16, SampleType::float16});
     const Channels again = read_image(dir / "b.exr");
     CHECK(same_bits(again.plane("R"), back.plane("R")));
+}
+
+TEST_CASE("EXR whose window begins elsewhere than at (0, 0)", "[image_file]") {
+    const Folder folder;
+    Channels image;
+    image.width = 5, image.height = 4;
+    image.add("Z", std::vector<float>(20));
+    std::iota(image.planes[0].begin(), image.planes[0].end(), 1.0f);
+    write_image(folder / "z.exr", image);
+    std::string bytes = read_whole_file(folder / "z.exr", 1 << 20);
+    const auto number = [&](size_t at) {
+        int32_t value;
+        std::memcpy(&value, &bytes[at], 4);
+        return value;
+    };
+    const auto add = [&](size_t at, int32_t by) {
+        const int32_t value = number(at) + by;
+        std::memcpy(&bytes[at], &value, 4);
+    };
+    for (const char* window : {"dataWindow", "displayWindow"}) {  // name, box2i, its 16 bytes, then two corners
+        const size_t at = bytes.find(window) + std::strlen(window) + 1 + 6 + 4;
+        for (const size_t corner : {0, 8}) add(at + corner, -30), add(at + corner + 4, 1000);
+    }
+    // After the header's end: where the one chunk lies, which begins with its first row.
+    const size_t end = bytes.find(std::string("screenWindowWidth\0float\0\4\0\0\0", 28)) + 28 + 4 + 1;
+    add(size_t(number(end)), 1000);
+    write_whole_file(folder / "moved.exr", bytes);
+    CHECK(read_image(folder / "moved.exr").plane("Z") == image.planes[0]);
 }
 
 TEST_CASE("PNG: integers come back exactly, alpha does not touch colour", "[image_file]") {

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The chart of the fills without a network: fills.{svg,png} from a set's scores.
+"""The chart of the fills without a network: fills.{svg,png} from the scores of one set or several, and their table.
 
-    /usr/bin/python3 benchmark/charts/fills.py SET_DIR [-o DIR]
+    /usr/bin/python3 benchmark/charts/fills.py SET_DIR... [-o DIR]
 """
 import argparse
 import json
@@ -22,10 +22,11 @@ STYLE = {"svg.hashsalt": "vshift", "font.size": 10, "axes.grid": True, "grid.col
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("set", type=Path)
+    parser.add_argument("sets", type=Path, nargs="+")
     parser.add_argument("-o", "--out", type=Path, default=Path("docs/figures"))
     args = parser.parse_args()
-    scores = json.loads((args.set / "scores" / "scores.json").read_text())
+    scores = fills.pooled([json.loads((folder / "scores" / "scores.json").read_text()) for folder in args.sets])
+    print(fills.markdown(scores))
     with plt.rc_context(STYLE):
         figure = fills.draw(plt, scores)
         if figure is None:

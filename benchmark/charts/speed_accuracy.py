@@ -24,7 +24,8 @@ STYLE = {"svg.hashsalt": "vshift", "font.size": 10, "axes.grid": True, "grid.col
          "axes.titlesize": 11, "axes.titleweight": "bold", "figure.facecolor": "white"}
 LOOK = {"sweep": ("#d55e00", "o"), "embree_0.1": ("#0a7fc2", "s"), "embree_0.02": ("#56b4e9", "D"), "embree": ("#004d7a", "^"),
         "splat_1": ("#009e73", "v"), "splat_3": ("#7cc6a5", "P"), "ztest_true": ("#8f99a3", "X"),
-        "torch_splat": ("#cc79a7", "h"), "brute_force": ("#6b5b3e", "*"), "copy": ("#333333", "|")}
+        "torch_splat": ("#cc79a7", "h"), "trajectorycrafter": ("#8a2b6b", "H"), "ray_cast": ("#e0a800", ">"),
+        "brute_force": ("#6b5b3e", "*"), "copy": ("#333333", "|")}
 SIZE = {"embree_0.1": 12, "embree_0.02": 8, "embree": 6, "brute_force": 12}  # they may fall on each other
 
 
@@ -151,10 +152,11 @@ def draw_accuracy(bench):
             continue
         colour, marker = LOOK[row["method"]]
         label = row["label"]
-        if row["method"] == "brute_force":
+        if row["method"] in ("brute_force", "ray_cast"):
             label += " (80x45, time extrapolated)"
         if not pick(row):
-            label += f" ({bench['torch']})" if row["method"] == "torch_splat" else " (not measured)"
+            why = {"torch_splat": "torch", "ray_cast": "blender"}.get(row["method"])
+            label += f" ({bench[why]})" if why else " (not measured)"
         handles.append(Line2D([], [], color=colour, marker=marker, linestyle="none", markersize=8, label=label))
     ink = "#333333"
     notes = [Line2D([], [], color=ink, marker="o", linestyle="none", markersize=8, label="filled: against what the view shows (shell)"),

@@ -146,6 +146,17 @@ ordered_json run_bench(const Options& options, const Hooks& hooks, ColorImage& d
                        {"note",
                         "our own short rendering of TrajectoryCrafter's and CogNVS's depth-weighted forward splat, "
                         "then a depth test with bias 2 %"}});
+    if (!options.peer_code.empty())
+        methods.push_back({{"method", "trajectorycrafter"},
+                           {"label", "TrajectoryCrafter's own warp, PyTorch"},
+                           {"group", "peer"},
+                           {"note",
+                            "its class Warper, run from its own repository: forward warp of the colors, bilinear splat "
+                            "of the depth, then a depth test with bias 2 %"}});
+    methods.push_back({{"method", "ray_cast"},
+                       {"label", "scene.ray_cast"},
+                       {"group", "peer"},
+                       {"note", "Blender's, in the true scene, which no recording has; run at 80x45, time by its pixels"}});
     methods.push_back({{"method", "shell_truth"},
                        {"label", "all that one view can know"},
                        {"group", "limit"},
@@ -160,10 +171,12 @@ ordered_json run_bench(const Options& options, const Hooks& hooks, ColorImage& d
     plan_costs(bench, plan);
     plan_accuracy(bench, plan);
     plan_torch(bench, plan);
+    plan_ray_cast(bench, plan);
     plan_rig(bench, plan);
     plan_sources(bench, plan);
     ordered_json steps = plan.run(hooks);
     bench.out["torch"] = bench.no_torch.empty() ? "measured" : "not measured: " + bench.no_torch;
+    bench.out["blender"] = bench.no_blender.empty() ? "measured" : "not measured: " + bench.no_blender;
     summarise(bench);
     differences = std::move(bench.differences);
     bench.out["machine"]["load_after"] = load();

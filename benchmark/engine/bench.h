@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Role: `vshift bench`: speed and accuracy of the mask engine and its peers, in one run, as one JSON.
 // Parts: accuracy.cpp (what is right), sources.cpp (what depth's source asks for), costs.cpp (what it takes),
-// torch_peer.cpp (the peer in Python).
+// torch_peer.cpp and blender_peer.cpp (peers in Python).
 #pragma once
 #include <filesystem>
 #include <functional>
@@ -19,6 +19,7 @@ using nlohmann::ordered_json;
 struct Options {
     bool quick = false;  ///< small pictures, few cases: shows that it works, its figures mean little
     uint32_t seed = 1;
+    std::string peer_code;  ///< TrajectoryCrafter's models/utils.py, to be run beside; or empty
     int width = 0;  ///< 0: 1600, or 400 when quick; the height is 9/16 of it
     int picture_width() const { return width ? width : quick ? 400 : 1600; }
 };
@@ -28,7 +29,9 @@ struct Hooks {
     std::function<void(size_t done, size_t total, const std::string& what)> show;
     /// Runs benchmark/peers/torch_splat.py on a folder's job.json. Empty: done; else why not.
     std::function<std::string(const std::filesystem::path& folder)> run_torch;
-    std::filesystem::path scratch;  ///< an existing folder for what is exchanged with it
+    /// Runs benchmark/peers/ray_cast.py in Blender, in the same way.
+    std::function<std::string(const std::filesystem::path& folder)> run_blender;
+    std::filesystem::path scratch;  ///< an existing folder for what is exchanged with them
 };
 
 /// Throws Error, and whatever `show` throws. `differences` becomes a picture of where sweep and Embree differ.
@@ -64,7 +67,7 @@ struct Bench {
     std::vector<World> world;  ///< [0] at the picture's size, [1] for brute force
     std::vector<Case> cases;   ///< truth only: no depth of V
     std::vector<int> threads;  ///< {1, 2}, or {1} on one core
-    std::string no_torch = "not asked";
+    std::string no_torch = "not asked", no_blender = "not asked";
     ColorImage differences;
     ordered_json out;
 
@@ -84,9 +87,11 @@ void plan_timing(Bench& bench, Plan& plan);
 void plan_costs(Bench& bench, Plan& plan);
 void plan_sources(Bench& bench, Plan& plan);
 void plan_torch(Bench& bench, Plan& plan);
+void plan_ray_cast(Bench& bench, Plan& plan);
 /// Times of the peer in Python, for one round of `plan_timing`: per case and thread count what it took, and
 /// how much of it was the splat, the rest being its depth test.
 struct TorchTime {
+    std::string method;
     size_t index;  ///< into the cases
     int threads;
     Sample took;

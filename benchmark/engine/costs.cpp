@@ -243,7 +243,7 @@ void plan_timing(Bench& bench, Plan& plan) {
         if (i % 2 == 0)
             plan.add(2 + 6 * area, what + ", PyTorch", [&bench, table] {
                 for (const TorchTime& t : time_torch(bench, table->cases)) {
-                    Times& times = table->times[{"torch_splat", t.index, t.threads}];
+                    Times& times = table->times[{t.method, t.index, t.threads}];
                     times.whole.push_back(t.took);
                     times.splat_ms.push_back(t.splat_ms);
                 }

@@ -49,10 +49,16 @@ Grid<uint8_t> read_classes(const fs::path& file) {
 /// Runs the script on the jobs; null when it cannot be run, and `bench.no_torch` says why.
 ordered_json run_jobs(Bench& bench, const ordered_json& jobs) {
     const fs::path folder = bench.hooks.scratch;
-    write_whole_file(folder / "job.json", ordered_json{{"jobs", jobs}}.dump(1));
+    write_whole_file(folder / "job.json", ordered_json{{"jobs", jobs}, {"peer_code", bench.options.peer_code}}.dump(1));
     bench.no_torch = bench.hooks.run_torch ? bench.hooks.run_torch(folder) : "not asked for";
     if (!bench.no_torch.empty()) return nullptr;
     return ordered_json::parse(read_whole_file(folder / "result.json", size_t(1) << 24));
+}
+
+std::vector<std::string> torch_methods(const Options& options) {
+    std::vector<std::string> names{"torch_splat"};
+    if (!options.peer_code.empty()) names.push_back("trajectorycrafter");
+    return names;
 }
 
 }  // namespace
@@ -69,7 +75,7 @@ std::vector<TorchTime> time_torch(Bench& bench, const std::vector<Case>& cases) 
     std::vector<TorchTime> times;
     if (results.is_null()) return times;
     for (const ordered_json& r : results["times"])
-        times.push_back({r["job"].get<size_t>(), r["threads"].get<int>(),
+        times.push_back({r["method"], r["job"].get<size_t>(), r["threads"].get<int>(),
                          Sample{r["wall_ms"].get<double>(), r["cpu_ms"].get<double>()}, r["splat_ms"].get<double>()});
     return times;
 }
@@ -99,16 +105,19 @@ void plan_torch(Bench& bench, Plan& plan) {
                     jobs.push_back(question(c, name, "mask_" + name, {bench.threads.back()}));
                 }
             if (run_jobs(bench, jobs).is_null()) return;
-            for (size_t i = 0; i < asked.size(); ++i) {
-                ordered_json row = row_head("torch_splat", *asked[i]);
-                row.update(score_classes(*asked[i], read_classes(folder / (std::to_string(i) + ".npy")), false));
-                bench.out["accuracy"].push_back(std::move(row));
+            for (const std::string& method : torch_methods(bench.options)) {
+                for (size_t i = 0; i < asked.size(); ++i) {
+                    ordered_json row = row_head(method, *asked[i]);
+                    const fs::path file = folder / (method + "_" + std::to_string(i) + ".npy");
+                    row.update(score_classes(*asked[i], read_classes(file), false));
+                    bench.out["accuracy"].push_back(std::move(row));
+                }
+                if (!noisy) continue;
+                ordered_json row = row_head(method, make_question(bench.full(), own, moved(0, 2)));
+                row["flicker"] = flicker(read_classes(folder / (method + "_mask_noisy_1.npy")),
+                                         read_classes(folder / (method + "_mask_noisy_2.npy")));
+                bench.out["noise"].push_back(std::move(row));
             }
-            if (!noisy) return;
-            ordered_json row = row_head("torch_splat", make_question(bench.full(), own, moved(0, 2)));
-            row["flicker"] =
-                flicker(read_classes(folder / "mask_noisy_1.npy"), read_classes(folder / "mask_noisy_2.npy"));
-            bench.out["noise"].push_back(std::move(row));
         });
 }
 

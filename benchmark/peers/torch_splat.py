@@ -9,10 +9,15 @@ behind the splatted depth at its own place.
 
     /usr/bin/python3 torch_splat.py FOLDER     # FOLDER/job.json -> FOLDER/result.json and masks
 
+With `peer_code` in the job, TrajectoryCrafter's own file models/utils.py, its class Warper runs beside: its forward
+warp of the colours, and for the depth test its bilinear splat of the depth, which it has no use for itself.
+
 Times are of the work alone, without files. Exit status 77: there is no PyTorch.
 """
+import ast
 import json
 import sys
+import typing
 import time
 from pathlib import Path
 
@@ -73,40 +78,80 @@ def splat(colour, depth, job):
     return sums / torch.where(covered, weights, torch.ones_like(weights))[:, None], covered
 
 
-def depth_test(depth, job, warped, covered):
-    """Which recorded pixels lie behind what the warp shows at their place."""
+def depth_test(depth, job, shown_depth, covered):
+    """Which recorded pixels lie behind what the warp shows at their place; the warp's depth and cover by pixel."""
     height, width = depth.shape
     x, y, z, ahead = project(depth, job)
     shown = torch.zeros_like(z)
     weights = torch.zeros_like(z)
     for index, weight, inside in corners(x, y, width, height):
         w = weight * inside * covered[index]
-        shown += w * warped[:, 3][index]
+        shown += w * shown_depth[index]
         weights += w
     known = ahead & (weights > 0)
     return known & (z.clamp(max=FAR_M) > (1 + BIAS) * shown / weights.clamp(min=1e-12))
 
 
+def own_method(colour, depth, job):
+    """Yields after the warp, then the mask."""
+    warped, covered = splat(colour, depth, job)
+    yield
+    yield depth_test(depth, job, warped[:, 3], covered)
+
+
+def peer_method(warper):
+    def run(colour, depth, job):
+        def matrix(fx, fy, cx, cy):  # its pixel centres are whole numbers
+            return torch.tensor([[[fx, 0, cx - .5], [0, fy, cy - .5], [0, 0, 1]]])
+
+        pose = torch.eye(4)[None]
+        pose[0, :3, :3], pose[0, :3, 3] = torch.tensor(job["rotation"]), torch.tensor(job["translation_m"])
+        frame = (colour * 2 - 1).permute(2, 0, 1)[None].contiguous()
+        _, covered, _, flow = warper.forward_warp(frame, None, depth.clamp(max=1e6)[None, None], torch.eye(4)[None], pose,
+                                                  matrix(*job["k_recorded"]), matrix(*job["k_shifted"]))
+        yield
+        z = project(depth, job)[2].clamp(0, FAR_M)[None]
+        shown, _ = warper.bilinear_splatting(z[:, None], None, z, flow, None, is_image=False)
+        yield depth_test(depth, job, shown.reshape(-1), covered.reshape(-1) > 0)
+    return run
+
+
+def load_warper(file):
+    """The class alone: the file around it wants a dozen packages that the class does not."""
+    found = [node for node in ast.parse(Path(file).read_text()).body if isinstance(node, ast.ClassDef) and node.name == "Warper"]
+    if not found:
+        sys.exit(f"torch_splat.py: {file}: class Warper: got none, expected TrajectoryCrafter's models/utils.py")
+    names = {"torch": torch, "numpy": np, "np": np, "Path": Path, "Tuple": typing.Tuple, "Optional": typing.Optional}
+    exec(compile(ast.Module(found, []), file, "exec"), names)
+    return names["Warper"](device="cpu")
+
+
 def main(folder):
-    asked = json.loads((folder / "job.json").read_text())["jobs"]
+    asked = json.loads((folder / "job.json").read_text())
+    methods = {"torch_splat": own_method}
+    if asked["peer_code"]:
+        methods["trajectorycrafter"] = peer_method(load_warper(asked["peer_code"]))
     times = []
     with torch.no_grad():
-        for number, job in enumerate(asked):
+        for number, job in enumerate(asked["jobs"]):
             depth = torch.from_numpy(np.load(folder / job["depth"]).astype(np.float32))
             depth = depth.reshape(depth.shape[0], depth.shape[1])
             colour = torch.rand(depth.shape[0], depth.shape[1], 3)
-            if number == 0:
-                splat(colour, depth, job)  # wakes the threads and the allocator
-            for threads in job["threads"]:
-                torch.set_num_threads(threads)
-                wall, cpu = time.perf_counter(), time.process_time()
-                warped, covered = splat(colour, depth, job)
-                between = time.perf_counter()
-                occluded = depth_test(depth, job, warped, covered)
-                times.append({"job": number, "threads": threads, "wall_ms": (time.perf_counter() - wall) * 1e3,
-                              "cpu_ms": (time.process_time() - cpu) * 1e3, "splat_ms": (between - wall) * 1e3})
-            if job["out"]:
-                np.save(folder / job["out"], occluded.numpy().astype(np.uint8))
+            for name, method in methods.items():
+                if number == 0:
+                    next(method(colour, depth, job))  # wakes the threads and the allocator
+                for threads in job["threads"]:
+                    torch.set_num_threads(threads)
+                    wall, cpu = time.perf_counter(), time.process_time()
+                    stages = method(colour, depth, job)
+                    next(stages)
+                    between = time.perf_counter()
+                    occluded = next(stages)
+                    times.append({"job": number, "method": name, "threads": threads,
+                                  "wall_ms": (time.perf_counter() - wall) * 1e3,
+                                  "cpu_ms": (time.process_time() - cpu) * 1e3, "splat_ms": (between - wall) * 1e3})
+                if job["out"]:
+                    np.save(folder / f"{name}_{job['out']}", occluded.numpy().astype(np.uint8))
     (folder / "result.json").write_text(json.dumps({"torch": torch.__version__, "times": times}))
 
 

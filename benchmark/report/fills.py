@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The report's part on filled views: the ablation, scores by region, consistency, the fill chart, and pictures."""
+import math
+import random
+import re
+
 from report import pool
 
 SOURCES = {"self": "own camera", "rig": "whole rig, nearest surface", "seam": "whole rig, seam"}
@@ -67,6 +71,84 @@ def tables(scores):
                     "overlap": {r["region"]: r for r in pool.select(scores.get("overlap", []), arm=arm, shift="all")}} for arm in names]
     return {"steps": steps, "ablation": ablation, "regions": [r for r in regions if r["rows"]],
             "consistency": consistency, "frames": max(r["frames"] for r in scores["image_summary"])}
+
+
+def metres(shift):
+    """How far a shift's name goes: 2.0 of x+0.00_y-2.00_z+0.00_yaw+0.00."""
+    return math.hypot(*(float(v) for v in re.fullmatch(r"x(.*)_y(.*)_z(.*)_yaw.*", shift).groups()))
+
+
+def bootstrap(sums, seed=1, rounds=2000):
+    """95 % interval of sum / weight over pairs drawn with replacement; None of fewer than two."""
+    if len(sums) < 2:
+        return None
+    draw_one, means = random.Random(seed), []
+    for _ in range(rounds):
+        drawn = [draw_one.choice(sums) for _ in sums]
+        means.append(pool.ratio(sum(s for s, _ in drawn), sum(w for _, w in drawn)))
+    means.sort()
+    return means[round(.025 * (rounds - 1))], means[round(.975 * (rounds - 1))]
+
+
+def pooled(sets):
+    """Scores of several sets as those of one, pooled by pixel count over all cameras; intervals over the frames of all sets.
+
+    Times are the medians of the set whose run was least disturbed.
+    """
+    pools = {}
+    for number, scores in enumerate(sets):
+        for r in scores["images"]:
+            if r["psnr_db"] is None and not r.get("equal"):
+                continue
+            error = 0.0 if r.get("equal") else r["pixels"] * 10 ** (-r["psnr_db"] / 10)
+            for shift in (f"{metres(r['shift']):g} m", "all"):
+                frames = pools.setdefault((r["arm"], shift, r["region"]), {})
+                sums = frames.setdefault((number, r["frame"]), [0, 0.0, 0.0, 0.0, 0])
+                for i, value in enumerate((r["pixels"], error, r["flip"] * r["pixels"], r["ssim"] * r["pixels"], 1)):
+                    sums[i] += value
+    summary = []
+    for (arm, shift, region), frames in sorted(pools.items()):
+        n, error, flip, ssim, views = (sum(f[i] for f in frames.values()) for i in range(5))
+        spread = bootstrap([(f[1], f[0]) for f in frames.values()])
+        summary.append({"arm": arm, "shift": shift, "camera": "all", "region": region, "frames": len(frames), "views": views, "pixels": n,
+                        "psnr_db": -10 * math.log10(error / n) if error else None, "flip": flip / n, "ssim": ssim / n,
+                        "psnr_db_95": [-10 * math.log10(e) for e in reversed(spread)] if spread and spread[0] > 0 else None,
+                        "flip_95": bootstrap([(f[2], f[0]) for f in frames.values()])})
+    out = {"image_summary": summary, "images": [], "fill_times": []}
+    for arm in sorted({t["arm"] for s in sets for t in s["fill_times"]}):
+        times = [t for s in sets for t in s["fill_times"] if t["arm"] == arm]
+        out["fill_times"].append({"arm": arm, "views": sum(t["views"] for t in times),
+                                  "fill_ms": min(t["fill_ms"] for t in times), "warp_ms": min(t["warp_ms"] for t in times)})
+    for table in ("temporal", "overlap"):
+        out[table] = []
+        for key in sorted({(r["arm"], r["shift"], r["region"]) for s in sets for r in s[table]}):
+            found = [r for s in sets for r in pool.select(s[table], arm=key[0], shift=key[1], region=key[2])]
+            n = sum(r["pixels"] for r in found)
+            out[table].append({"arm": key[0], "shift": key[1], "region": key[2], "pixels": n,
+                               **{k: sum(r[k] * r["pixels"] for r in found) / n for k in ("difference", "truth_difference")}})
+    return out
+
+
+def markdown(scores):
+    """The table of docs/measured.md."""
+    def db(arm, shift, region, spread=False):
+        r = one(scores, arm=arm, shift=shift, region=region)
+        if not r or r["psnr_db"] is None:
+            return ""
+        low_high = r.get("psnr_db_95") if spread else None
+        return f"{r['psnr_db']:.1f}" + (f" ({low_high[0]:.1f}-{low_high[1]:.1f})" if low_high else "")
+    steps = distances(scores)
+    lines = ["| colors, fill | " + " | ".join(f"lost, {s}" for s in steps) + " | hole, all shifts | hole behind an edge | hole out of frame | neighbour alone |",
+             "|---" * (len(steps) + 5) + "|"]
+    for arm in arms(scores):
+        cells = [db(arm, s, "lost") for s in steps] + [db(arm, "all", "hole", True)]
+        cells += [db(arm, "all", region) for region in ("hole_disoccluded", "hole_outside", "neighbour")]
+        lines.append(f"| {arm_name(arm)} | " + " | ".join(cells) + " |")
+    for table, words in (("temporal", "warping error"), ("overlap", "overlap of cameras")):
+        for arm in arms(scores):
+            for r in pool.select(scores.get(table, []), arm=arm, shift="all", region="lost"):
+                lines.append(f"{words}, lost, {arm}: {1000 * r['difference']:.1f} thousandths, true renders {1000 * r['truth_difference']:.1f}")
+    return "\n".join(lines)
 
 
 def draw(plt, scores, region="hole"):

@@ -235,11 +235,11 @@ def _savez(out, **arrays):
 
 
 def _mesh(options, f, todo, work, temp):
-    """(vertices, triangles) of frame f: read back when done, else exported and written."""
+    """(vertices, triangles, which are foliage) of frame f: read back when done, else exported and written."""
     name = f"scene/mesh_{f:04d}.npz"
     if name not in todo:
         with np.load(options.out / name) as z:
-            return z["vertices"], z["triangles"]
+            return z["vertices"], z["triangles"], truth.foliage(z["triangle_category"], z["categories"].tolist())
     start = time.monotonic()
     v, t, category, categories = mesh_export.world_triangles()
     if not len(t):
@@ -253,19 +253,20 @@ def _mesh(options, f, todo, work, temp):
     exr.commit(temporary, options.out / name)
     manifest.done(options.out, name, time.monotonic() - start, triangles=len(t))
     work.add("mesh", name, time.monotonic() - start)
-    return v, t
+    return v, t, truth.foliage(category, categories)
 
 
 def _frame(options, street, cameras, world_from_ego, f, todo, items, work, temp):
     """All items of one frame."""
     t_s = f * options.dt_s
     importlib.import_module(".street_scene", __package__).set_time(street, t_s)
-    vertices, triangles = _mesh(options, f, todo, work, temp)
+    vertices, triangles, foliage = _mesh(options, f, todo, work, temp)
     todo = [n for n in todo if items[n]["kind"] != "mesh"]
     if not todo:
         return
     index = {c.name: i for i, c in enumerate(cameras)}
     recorded = [rig.view(c, world_from_ego) for c in cameras]
+    leaves = {}  # by camera: which pixels show foliage
     with core.Scene(vertices, triangles, world_from_ego[:3, 3]) as scene:
         for c, v in zip(cameras, recorded):
             hit = truth.clearance(scene, street, v, t_s, options.clearance_m)
@@ -280,7 +281,10 @@ def _frame(options, street, cameras, world_from_ego, f, todo, items, work, temp)
                 continue
             start = time.monotonic()
             if item["kind"] == "truth":
+                if own not in leaves:
+                    leaves[own] = truth.shows(scene, recorded[own], foliage)
                 channels = truth.recorded_channels(scene, recorded, own, shifted)
+                channels.append(("foliage", leaves[own], "half"))
             else:
                 channels = []
                 camera, rays_depth = recorded[own], None

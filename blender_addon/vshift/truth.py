@@ -9,6 +9,21 @@ RECORDED_CHANNELS = (("occluded", core.OCCLUDED), ("outside", core.OUTSIDE), ("s
                      ("faces_away", core.FACES_AWAY))
 
 
+# Categories of objects in which a pixel of leaves and gaps is no surface at all: scored apart.
+FOLIAGE_CATEGORIES = ("tree", "plant")
+
+
+def foliage(triangle_category, categories):
+    """(M,) bool: which triangles belong to trees and plants."""
+    return np.isin(triangle_category, [i for i, name in enumerate(categories) if name in FOLIAGE_CATEGORIES])
+
+
+def shows(scene, camera, triangles):
+    """(H, W) bool: pixels at whose centre a camera sees one of the triangles; `triangles` is a bool for each."""
+    hit = scene.cast_camera(camera)["triangle"]
+    return (hit >= 0) & triangles[np.maximum(hit, 0)]
+
+
 def recorded_channels(scene, rig_views, own, shifted):
     """Channels of truth/SHIFT/FFFF/CAMERA.exr: each 0 or 1; lost is occluded or outside (the paper's M).
 

@@ -50,6 +50,7 @@ int main(int argc, char** argv) {
         cli::add_answer_verbs(app);
         cli::add_inpaint_verb(app);
         cli::add_train_verb(app);
+        cli::add_depth_verb(app);
         cli::add_score_verb(app);
         cli::add_check_verb(app);
         cli::add_report_verb(app);

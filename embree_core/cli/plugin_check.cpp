@@ -88,26 +88,21 @@ struct Oiiotool {
 
 Oiiotool find_oiiotool() {
     Oiiotool found;
-    std::error_code error;
-    const char* path = std::getenv("PATH");
-    for (const std::string& folder : split(path ? path : "", ":")) {
-        const fs::path program = fs::absolute(fs::path(folder) / "oiiotool", error);
-        if (!fs::is_regular_file(program, error) || ::access(program.c_str(), X_OK) != 0) continue;
-        // Without any plugin, which might crash it. Before 2.4 there is no --version, but the help names it.
-        for (const bool help : {false, true}) {
-            const ProgramRun run = run_program({program.string(), help ? "--help" : "--version"},
-                                               {path_variable + "=", newer_path_variable + "="});
-            const size_t at = help ? run.output.find("OpenImageIO ") : 0;
-            const char* pattern = help ? "OpenImageIO %d.%d.%d" : "%d.%d.%d";
-            Version v;
-            if (!found.version && run.code == 0 && at != std::string::npos &&
-                std::sscanf(run.output.c_str() + at, pattern, &v[0], &v[1], &v[2]) == 3)
-                found.version = v;
-            if (found.version) break;
-            if (!help) found.problem = run.told();
+    found.program = program_on_path("oiiotool");
+    if (found.program.empty()) return found;
+    // Without any plugin, which might crash it. Before 2.4 there is no --version, but the help names it.
+    for (const bool help : {false, true}) {
+        const ProgramRun run = run_program({found.program, help ? "--help" : "--version"},
+                                           {path_variable + "=", newer_path_variable + "="});
+        const size_t at = help ? run.output.find("OpenImageIO ") : 0;
+        const char* pattern = help ? "OpenImageIO %d.%d.%d" : "%d.%d.%d";
+        Version v;
+        if (run.code == 0 && at != std::string::npos &&
+            std::sscanf(run.output.c_str() + at, pattern, &v[0], &v[1], &v[2]) == 3) {
+            found.version = v;
+            break;
         }
-        found.program = program.string();
-        break;
+        if (!help) found.problem = run.told();
     }
     return found;
 }

@@ -141,6 +141,17 @@ std::string source_program(const std::string& verb, const std::filesystem::path&
                 verb + ": program: got none beside " + self.string() + ", expected " + within.string());
 }
 
+std::string program_on_path(const std::string& name) {
+    namespace fs = std::filesystem;
+    std::error_code error;
+    const char* path = std::getenv("PATH");
+    for (const std::string& folder : split(path ? path : "", ":")) {
+        const fs::path program = fs::absolute(fs::path(folder) / name, error);
+        if (fs::is_regular_file(program, error) && ::access(program.c_str(), X_OK) == 0) return program.string();
+    }
+    return "";
+}
+
 std::string python_program() {
     const char* chosen = std::getenv("VSHIFT_PYTHON");
     return chosen && *chosen ? chosen : VSHIFT_PYTHON;

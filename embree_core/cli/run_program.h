@@ -31,6 +31,8 @@ ProgramRun run_program(Words words, Words settings, const std::filesystem::path&
 /// A program of the source tree that this was built from, or beside an installed vshift. Throws Error io_failed for
 /// `verb` when there is none.
 std::string source_program(const std::string& verb, const std::filesystem::path& within);
+/// The first of that name on PATH; empty where there is none.
+std::string program_on_path(const std::string& name);
 /// $VSHIFT_PYTHON, or the Python that this was configured with.
 std::string python_program();
 

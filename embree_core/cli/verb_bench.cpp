@@ -38,6 +38,15 @@ std::string run_torch(const fs::path& folder) {
     return run.code == 0 ? "" : run.code == 77 ? "no torch here" : run.told();
 }
 
+std::string run_blender(const fs::path& folder) {
+    const std::string blender = program_on_path("blender");
+    if (blender.empty()) return "no blender here";
+    const ProgramRun run = run_program({blender, "-b", "--factory-startup", "--python-exit-code", "3", "-P",
+                                        source_program("bench", "benchmark/peers/ray_cast.py"), "--", folder.string()},
+                                       {"PYTHONDONTWRITEBYTECODE=1"}, ".", 120);
+    return run.code == 0 ? "" : run.told();
+}
+
 void run(const Options& options) {
     const fs::path folder = options.output;
     make_folders(folder);
@@ -46,6 +55,7 @@ void run(const Options& options) {
     bench::Hooks hooks;
     hooks.scratch = scratch.folder;
     hooks.run_torch = run_torch;
+    hooks.run_blender = run_blender;
     hooks.show = [&](size_t done, size_t total, const std::string& what) {
         stop_if_interrupted();
         progress.show(done, total, what);
@@ -81,6 +91,9 @@ void add_bench_verb(CLI::App& app) {
     sub->add_flag("--quick", options->bench.quick, "small and few: shows that it works");
     sub->add_option("--seed", options->bench.seed, "of the street")->capture_default_str();
     sub->add_option("--width", options->bench.width, "of the pictures; default 1600, or 400 with --quick");
+    sub->add_option("--peer-code", options->bench.peer_code,
+                    "TrajectoryCrafter's models/utils.py: its own warp is measured beside")
+        ->check(CLI::ExistingFile);
     sub->callback([options] { run(*options); });
 }
 

@@ -31,12 +31,14 @@ void run(const std::string& recipe_file) {
             Request as_stored;
             as_stored.frame = frame.index;
             as_stored.depth_source = DepthSource::exact;
-            const DepthMap& depth = files.depth(as_stored, camera.name);
-            for (float z : depth.data) {
-                sky += is_sky(z);
-                invalid += !is_sky(z) && !is_measured(z);
+            if (!camera.depth.empty()) {
+                const DepthMap& depth = files.depth(as_stored, camera.name);
+                for (float z : depth.data) {
+                    sky += is_sky(z);
+                    invalid += !is_sky(z) && !is_measured(z);
+                }
+                pixels += depth.size();
             }
-            pixels += depth.size();
             if (!camera.image.empty()) files.color(camera.name, frame.index);
         }
     progress.finish();

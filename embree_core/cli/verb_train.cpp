@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// vshift train: a model for vshift inpaint from virtual shifts of recorded street views, judged on other streets.
+// vshift train: a model for vshift inpaint from virtual shifts of recorded street views, or one for vshift depth from their
+// true depth, judged on other streets.
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
@@ -11,6 +12,8 @@
 #include "embree_core/cli/verbs.h"
 #include "embree_core/image_file.h"
 #include "embree_core/recipe.h"
+#include "inpaint/depth_judge.h"
+#include "inpaint/depth_pairs.h"
 #include "inpaint/judge_streets.h"
 #include "inpaint/network_library.h"
 #include "inpaint/street_pairs.h"
@@ -20,6 +23,8 @@ namespace {
 
 namespace fs = std::filesystem;
 using nlohmann::ordered_json;
+
+constexpr const char* depth_kind = "depth";
 
 struct Options {
     std::string output, streets = "1-12", judge, kind = "pixel_unet", config, autoencoder, regression, arm = "virtual_shift";
@@ -69,6 +74,19 @@ inpaint::Arm arm_of(const std::string& name) {
     return inpaint::Arm(at - names.begin());
 }
 
+/// Fields of --config over those of `model`.
+ordered_json with_given(ordered_json model, const Options& o) {
+    if (o.config.empty()) return model;
+    const auto given = ordered_json::parse(read_whole_file(o.config, 1 << 20), nullptr, false);
+    if (!given.is_object()) throw Error(ExitCode::bad_input, o.config + ": config: got no JSON object, expected one");
+    model.update(given);
+    return model;
+}
+
+ordered_json depth_config(const Options& o) {
+    return with_given({{"width", o.width}}, o);
+}
+
 ordered_json model_config(const Options& o) {
     ordered_json model = {{"kind", o.kind}, {"flow", o.flow}, {"masks", !o.no_masks}, {"depth", !o.no_depth},
                           {"neighbors", inpaint::has_neighbors(arm_of(o.arm))}};
@@ -81,34 +99,36 @@ ordered_json model_config(const Options& o) {
     if (o.kind == "latent_dit")
         model["dit"] = {{"dim", 160}, {"ffn_dim", 480}, {"layers", 5}, {"heads", 4}, {"freq_dim", 64}, {"text_dim", 0},
                         {"patch", {1, 2, 2}}, {"reach", 9}};
-    if (!o.config.empty()) {
-        const auto given = ordered_json::parse(read_whole_file(o.config, 1 << 20), nullptr, false);
-        if (!given.is_object()) throw Error(ExitCode::bad_input, o.config + ": config: got no JSON object, expected one");
-        model.update(given);
-    }
-    return model;
+    return with_given(std::move(model), o);
 }
 
-/// What the library calls back.
+/// What the library calls back: pairs of views to inpaint, or pictures with their depth.
 struct Run {
-    const inpaint::RecordedViews &recorded, &checks;
-    uint64_t seed;
-    int crop_px;
-    inpaint::Arm arm;
+    std::function<inpaint::PairPlanes(uint64_t)> draw_pair;
+    std::function<inpaint::DepthPlanes(uint64_t)> draw_depth;
     Progress progress;
     inpaint::PairPlanes pair;
+    inpaint::DepthPlanes depth;
     std::string error;
 
-    static int sample(void* user, uint64_t number, vshift_inpaint_views* out) {
-        Run& run = *static_cast<Run*>(user);
+    template <class Sample, class Planes>
+    int drawn(const std::function<Planes(uint64_t)>& draw, uint64_t number, Planes& kept, Sample (Planes::*as)() const, Sample* out) {
         try {
-            run.pair = inpaint::training_pair(number < VSHIFT_INPAINT_CHECKS ? run.recorded : run.checks, run.seed, number, run.crop_px, run.arm);
+            kept = draw(number);
         } catch (const std::exception& e) {
-            run.error = e.what();
+            error = e.what();
             return 1;
         }
-        *out = run.pair.views();
+        *out = (kept.*as)();
         return 0;
+    }
+    static int sample(void* user, uint64_t number, vshift_inpaint_views* out) {
+        Run& run = *static_cast<Run*>(user);
+        return run.drawn(run.draw_pair, number, run.pair, &inpaint::PairPlanes::views, out);
+    }
+    static int depth_sample(void* user, uint64_t number, vshift_depth_view* out) {
+        Run& run = *static_cast<Run*>(user);
+        return run.drawn(run.draw_depth, number, run.depth, &inpaint::DepthPlanes::view, out);
     }
     static int after_step(void* user, int64_t step, int64_t steps, double loss) {
         char text[48];
@@ -132,36 +152,64 @@ void draw_curve(const std::string& csv) {
 void train(const Options& o, const std::vector<uint32_t>& seeds, const std::vector<uint32_t>& others) {
     const inpaint::NetworkLibrary& library = inpaint::network_library();
     const auto start = std::chrono::steady_clock::now();
+    const bool depth = o.kind == depth_kind;
     Progress drawing("streets");
-    const auto draw = [&](const std::vector<uint32_t>& streets, int frames) {
-        return inpaint::record_streets(streets, frames, o.width, [&](size_t done, size_t total) {
-            stop_if_interrupted();
-            drawing.show(done, total, std::to_string(o.width) + " px");
-        });
+    const auto show = [&](size_t done, size_t total) {
+        stop_if_interrupted();
+        drawing.show(done, total, std::to_string(o.width) + " px");
     };
-    const inpaint::RecordedViews recorded = draw(seeds, o.frames);
-    const inpaint::RecordedViews checks = o.kind == "autoencoder" ? draw(others, 1) : inpaint::RecordedViews();
+    inpaint::RecordedViews recorded, checks;
+    std::vector<inpaint::DepthPlanes> depth_views;
+    if (depth)
+        depth_views = inpaint::record_depth_views(seeds, o.frames, o.width, show);
+    else
+        recorded = inpaint::record_streets(seeds, o.frames, o.width, show);
+    if (o.kind == "autoencoder") checks = inpaint::record_streets(others, 1, o.width, show);
+    const size_t views = depth ? depth_views.size() : recorded.views.size();
     drawing.finish();
     const double drawn_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     const std::string stem = fs::path(o.output).replace_extension().string();
     const ordered_json options = {
-        {"model", model_config(o)}, {"steps", o.steps}, {"batch", o.batch}, {"accumulate", o.accumulate},
+        {"model", depth ? depth_config(o) : model_config(o)}, {"steps", o.steps}, {"batch", o.batch}, {"accumulate", o.accumulate},
         {"learning_rate", o.learning_rate}, {"ema", o.ema}, {"seed", o.seed}, {"checkpoint_every", o.checkpoint_every},
         {"checkpoint_file", stem + ".checkpoint.safetensors"}, {"curve_file", stem + ".curve.csv"}, {"model_file", o.output},
         {"autoencoder_file", o.autoencoder}, {"regression_file", o.regression},
         {"license", "Apache-2.0"},
-        {"record", {{"data", "analytic streets, virtual shifts of 0.5 to 4 m of recorded views"}, {"arm", o.arm}, {"begins_with", fs::path(o.regression).filename().string()}, {"streets", o.streets},
-                    {"frames", o.frames}, {"width", o.width}, {"crop", o.crop}, {"views", recorded.views.size()}}}};
-    Run run{recorded, checks, uint64_t(o.seed), o.crop, arm_of(o.arm), Progress("train"), {}, {}};
-    const int code = library.train(options.dump().c_str(), Run::sample, Run::after_step, &run);
+        {"record", {{"data", depth ? "analytic streets, pictures and their true depth" : "analytic streets, virtual shifts of 0.5 to 4 m of recorded views"},
+                    {"arm", depth ? "" : o.arm}, {"begins_with", fs::path(o.regression).filename().string()}, {"streets", o.streets},
+                    {"frames", o.frames}, {"width", o.width}, {"crop", o.crop}, {"views", views}}}};
+    const auto seed = uint64_t(o.seed);
+    const inpaint::Arm arm = arm_of(o.arm);
+    Run run{[&](uint64_t number) {
+                return inpaint::training_pair(number < VSHIFT_INPAINT_CHECKS ? recorded : checks, seed, number, o.crop, arm);
+            },
+            [&](uint64_t number) { return inpaint::depth_sample(depth_views, seed, number, o.crop); },
+            Progress("train"), {}, {}, {}};
+    const int code = depth ? library.depth_train(options.dump().c_str(), Run::depth_sample, Run::after_step, &run)
+                           : library.train(options.dump().c_str(), Run::sample, Run::after_step, &run);
     run.progress.finish();
     if (!run.error.empty()) throw Error(ExitCode::bad_input, "train: " + run.error);
     inpaint::check(code);
     std::error_code ignored;
     fs::remove(stem + ".checkpoint.safetensors", ignored);
     draw_curve(stem + ".curve.csv");
-    std::printf("%s: %zu views drawn in %.0f s, trained in %.0f s; curve in %s.curve.png\n", o.output.c_str(), recorded.views.size(),
+    std::printf("%s: %zu views drawn in %.0f s, trained in %.0f s; curve in %s.curve.png\n", o.output.c_str(), views,
                 drawn_s, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() - drawn_s, stem.c_str());
+}
+
+void judge_depth(const Options& o, const std::vector<uint32_t>& seeds) {
+    inpaint::DepthJudgeOptions judge;
+    judge.model_file = o.output;
+    judge.seeds = seeds;
+    judge.width = o.width;
+    Progress progress("judge");
+    const ordered_json result = inpaint::judge_depth(judge, [&](size_t done, size_t total) {
+        stop_if_interrupted();
+        progress.show(done, total, "views");
+    });
+    progress.finish();
+    write_whole_file(fs::path(o.output).replace_extension(".judge.json"), result.dump(1) + "\n");
+    std::fputs(inpaint::depth_table(result).c_str(), stdout);
 }
 
 void run(const Options& o) {
@@ -183,6 +231,10 @@ void run(const Options& o) {
         std::fprintf(stderr, "vshift: warning: %s\n", warning.c_str());
     if (!o.judge_only) train(o, seeds, judge.seeds);
     if (judge.seeds.empty() || o.kind == "autoencoder") return;
+    if (o.kind == depth_kind) {
+        judge_depth(o, judge.seeds);
+        return;
+    }
     judge.model_files = {o.output};
     judge.model_files.insert(judge.model_files.end(), o.judge_also.begin(), o.judge_also.end());
     judge.width = o.width;
@@ -210,7 +262,7 @@ void add_train_verb(CLI::App& app) {
     sub->add_option("--frames", o->frames, "of each street")->capture_default_str()->check(CLI::Range(1, 81));
     sub->add_option("--width", o->width, "of the pictures, px")->capture_default_str()->check(CLI::Range(64, 1600));
     sub->add_option("--crop", o->crop, "side of the squares that are trained on, px; 0: whole views")->check(CLI::Range(0, 1600));
-    sub->add_option("--kind", o->kind, "pixel_unet, pixel_dit, autoencoder or latent_dit")->capture_default_str();
+    sub->add_option("--kind", o->kind, "pixel_unet, pixel_dit, autoencoder or latent_dit; depth: an estimator of depth from one picture, for vshift depth")->capture_default_str();
     sub->add_option("--autoencoder", o->autoencoder, "a trained one, for latent_dit: frozen, and part of the model");
     sub->add_option("--begin-with", o->regression, "a regression by the same pixel_unet: where a flow's training begins");
     sub->add_option("--config", o->config, "JSON file with further fields of the model's config");

@@ -11,6 +11,7 @@ namespace vshift::cli {
 void add_answer_verbs(CLI::App& app);  // mask, holes, warp
 void add_inpaint_verb(CLI::App& app);
 void add_train_verb(CLI::App& app);
+void add_depth_verb(CLI::App& app);
 void add_score_verb(CLI::App& app);
 void add_stress_verb(CLI::App& app);
 void add_check_verb(CLI::App& app);

@@ -151,7 +151,7 @@ RECIPE = [
     ("rotation not unit", cam(rotation=[1, 1, 0, 0]), MASK, 3, R + r"A: rotation: got .*length 1\.41.*, expected a rotation"),
     ("zero quaternion", cam(rotation=[0, 0, 0, 0]), MASK, 3, R + "A: rotation: got .*length 0.*, expected a rotation"),
     ("3-element rotation", cam(rotation=[0, 0, 1]), MASK, 3, R + "A: rotation: got an array of 3, expected 4 numbers"),
-    ("no depth", without("cameras", "depth"), MASK, 3, R + "A: depth: got nothing, expected text"),
+    ("no depth", without("cameras", "depth"), MASK, 3, R + "A: depth: got nothing, expected a depth map"),
     ("path climbs out", cam(depth="../x.exr"), MASK, 3, R + r"A: depth: got '\.\./x\.exr', expected a path that stays below"),
     ("absolute path", cam(depth="/tmp/x.exr"), MASK, 3, R + "A: depth: got '/tmp/x.exr', expected a path relative"),
     ("pattern %n", cam(depth="%04d/%n.exr"), MASK, 3, R + "A: depth: got '%04d/%n.exr', expected at most one"),

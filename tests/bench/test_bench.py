@@ -61,6 +61,12 @@ class TestBench(unittest.TestCase):
             self.assertEqual(set(row["stages_wall_ms"]), {"lift", "build", "cast"})
         self.assertTrue(self.bench["torch"] == "measured" or self.bench["torch"].startswith("not measured: "))
         self.assertEqual(bool(self.rows("timing", method="torch_splat")), self.bench["torch"] == "measured")
+        self.assertEqual(self.bench["blender"], "measured")
+        self.assertEqual(len(self.rows("timing", method="ray_cast")), 2)
+
+    def test_blender_asks_the_true_scene(self):
+        for row in self.rows("accuracy", method="ray_cast"):
+            self.assertGreater(row["scene"]["f1"], .98, row["camera"])
 
     def test_nothing_beats_the_copy_loop(self):
         for bound in self.rows("timing", method="copy", threads=1):

@@ -200,6 +200,20 @@ class Mesh(unittest.TestCase):
         self.assertEqual(int((category == names.index("sign")).sum()), 6)
 
 
+class Foliage(unittest.TestCase):
+    def test_pixels_that_show_a_plant(self):
+        ground = [(-50, -50, 0), (50, -50, 0), (50, 50, 0), (-50, 50, 0)]
+        hedge = [(10, 0, -1), (10, 20, -1), (10, 20, 20), (10, 0, 20)]  # the left half of what looks ahead
+        triangles = np.array([(0, 1, 2), (0, 2, 3), (4, 5, 6), (4, 6, 7)], np.uint32)
+        plants = truth.foliage(np.array([0, 0, 1, 1], np.uint8), ["ground", "plant"])
+        np.testing.assert_array_equal(plants, [False, False, True, True])
+        view = rig.view(rig.make_rig(64, 36)[0], np.eye(4))
+        with core.Scene(np.array(ground + hedge, float), triangles) as scene:
+            shown = truth.shows(scene, view, plants)
+        self.assertTrue(shown[:16, :31].all())
+        self.assertFalse(shown[:, 33:].any())
+
+
 class Sets(unittest.TestCase):
     def test_whole_set_and_refused_camera(self):
         with tempfile.TemporaryDirectory() as folder:
@@ -218,7 +232,8 @@ class Sets(unittest.TestCase):
             self.assertGreater(view["G"].mean(), 0.01)
             self.assertTrue(set(np.unique(view["truth.class"])) <= {0.0, 1.0, 2.0, 3.0, 4.0})
             said = exr.read(Path(folder) / f"truth/{rig.shift_name((0, 1, 0))}/0000/CAM_FRONT.exr")
-            self.assertEqual(set(said), {"lost", "occluded", "outside", "sky", "shell_self", "shell_rig", "faces_away"})
+            self.assertEqual(set(said), {"lost", "occluded", "outside", "sky", "shell_self", "shell_rig", "faces_away", "foliage"})
+            self.assertEqual(said["foliage"].max(), 0)  # nothing grows in the small street
             np.testing.assert_array_equal(said["lost"], np.maximum(said["occluded"], said["outside"]))
             recorded = exr.read(Path(folder) / "frames/0000/CAM_FRONT.exr")
             np.testing.assert_array_equal(np.isinf(recorded["Z"]), said["sky"] > 0)

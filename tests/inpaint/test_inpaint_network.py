@@ -94,15 +94,17 @@ class InpaintNetwork(unittest.TestCase):
         self.refused(4, "libtorch-dev", "--method", "network", "--model", self.model,
                      VSHIFT_INPAINT_LIBRARY="/nowhere/libvshift_inpaint.so")
 
-    def test_torch_is_loaded_only_when_asked_for(self):
-        def libraries(*words):
-            done = run(*words, *VIEW, "-o", self.folder / "libraries.exr", LD_DEBUG="files")
+    def test_torch_and_openimageio_are_loaded_only_when_asked_for(self):
+        def libraries(*words, output="libraries.exr"):
+            done = run(*words, *VIEW, "-o", self.folder / output, LD_DEBUG="files")
             self.assertEqual(done.returncode, 0, done.stderr[-300:])
             return done.stderr
         for words in (["mask", self.recipe], ["inpaint", self.recipe]):
             loaded = libraries(*words)
             self.assertIn("libembree", loaded)
             self.assertNotIn("libtorch", loaded)
+            self.assertNotIn("libOpenImageIO", loaded)
+        self.assertIn("libOpenImageIO", libraries("holes", self.recipe, output="libraries.png"))
         if HAS_NETWORK:
             self.assertIn("libtorch", libraries("inpaint", self.recipe, "--method", "network", "--model", self.model))
 

@@ -3,9 +3,11 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
-#include <chrono>
+#include <cstdio>
 #include <cstdlib>
 #include <fstream>
+
+#include <torch/csrc/jit/api/module.h>
 
 #include "inpaint/train.h"
 #include "tests/catch.h"
@@ -39,6 +41,15 @@ ModelConfig small(Kind kind, bool flow, int64_t window = 0) {
     c.flow = flow;
     c.window = window;
     if (kind == Kind::latent_dit) c.dit.patch = {1, 1, 1};
+    return c;
+}
+
+/// A latent model of 1 M parameters, to be measured.
+ModelConfig streaming(int64_t window) {
+    ModelConfig c = small(Kind::latent_dit, true, window);
+    c.vae = parse_vae_config(nlohmann::json::parse(R"({"dim":16,"dec_dim":16,"z_dim":16,"res_blocks":1})"), "test");
+    c.dit = parse_dit_config(nlohmann::json::parse(R"({"dim":128,"ffn_dim":512,"layers":4,"heads":4,"freq_dim":64,
+        "text_dim":0,"patch":[1,1,1]})"), "test");
     return c;
 }
 
@@ -311,30 +322,47 @@ TEST_CASE("streams: any pieces give what one shot gives, and memory stays", "[st
     }
 }
 
-// For docs/network.md: peak memory of the process, so one run each: VSHIFT_STREAM=97 streamed, VSHIFT_STREAM=-97 in one
-// shot, with full attention.
+// For test_streams.py and benchmark/charts/streaming.py: models that were never trained, VSHIFT_MODELS=FOLDER.
+TEST_CASE("models with a window, as files", "[.][models]") {
+    const char* folder = std::getenv("VSHIFT_MODELS");
+    REQUIRE(folder);
+    for (const Kind kind : {Kind::pixel_dit, Kind::latent_dit}) {
+        const Model m = woken(small(kind, true, 3));
+        save_model(fs::path(folder) / (kind == Kind::pixel_dit ? "pixels.safetensors" : "latents.safetensors"), m, m.weights);
+    }
+    // What a user's estimator may look like, and one that gives something else.
+    for (const auto& [name, body] : {std::pair<const char*, const char*>{"seven.pt", "torch.ones_like(x[:, 0:1]) * 7.0"},
+                                     {"nothing.pt", "x.mean()"}}) {
+        torch::jit::Module module("estimator");
+        module.define(std::string("def forward(self, x):\n  return ") + body + "\n");
+        module.save((fs::path(folder) / name).string());
+    }
+    const Model m = woken(streaming(4));
+    save_model(fs::path(folder) / "streaming.safetensors", m, m.weights);
+}
+
+// For benchmark/charts/streaming.py, on one thread: peak memory of the process, so one run each. VSHIFT_STREAM=97
+// streamed, VSHIFT_STREAM=-97 in one shot, with full attention.
 TEST_CASE("streams: memory and time against the number of frames", "[.][streaming]") {
     const char* given = std::getenv("VSHIFT_STREAM");
     REQUIRE(given);
+    at::set_num_threads(1);
     const bool streamed = given[0] != '-';
     const int64_t frames = std::abs(std::atoi(given));
-    ModelConfig c = small(Kind::latent_dit, true, streamed ? 4 : 0);
-    c.vae = parse_vae_config(nlohmann::json::parse(R"({"dim":16,"dec_dim":16,"z_dim":16,"res_blocks":1})"), "test");
-    c.dit = parse_dit_config(nlohmann::json::parse(R"({"dim":128,"ffn_dim":512,"layers":4,"heads":4,"freq_dim":64,
-        "text_dim":0,"patch":[1,1,1]})"), "test");
-    const Model m = woken(c);
-    const auto start = std::chrono::steady_clock::now();
+    const Model m = woken(streaming(streamed ? 4 : 0));
     Stream stream;
     for (int64_t at = 0; at < frames;) {
-        const int64_t n = !streamed ? frames : at == 0 ? 1 : 4;
+        const int64_t n = !streamed ? frames : at == 0 ? 1 : piece_frames(m.config);
         inpaint::inpaint(m, sample(uint64_t(at), n, 128, 224), 2, 7, stream);
         at += n;
     }
-    const double ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
     rusage usage{};
     getrusage(RUSAGE_SELF, &usage);
-    WARN(frames << " frames " << (streamed ? "streamed" : "in one shot") << ": peak " << usage.ru_maxrss / 1024 << " MB, "
-                << int(ms / double(frames)) << " ms a frame");
+    const auto ms = [&](double seconds) { return 1000 * seconds / double(frames); };
+    std::printf("streaming: %lld frames, %s, peak %ld MB, ms a frame: encode %.2f, DiT %.2f, decode %.2f\n", (long long)frames,
+                streamed ? "streamed" : "full", usage.ru_maxrss / 1024, ms(stream.cpu_s.encode), ms(stream.cpu_s.network),
+                ms(stream.cpu_s.decode));
+    CHECK(ms(stream.cpu_s.network) > 0);
 }
 
 TEST_CASE("training: accumulated gradients are those of the large batch", "[train]") {

@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 import tempfile
 import unittest
 from pathlib import Path
@@ -16,6 +17,8 @@ import numpy as np
 import OpenImageIO as oiio
 
 ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "benchmark"))
+from report import fills  # noqa: E402
 VSHIFT = os.environ.get("VSHIFT_BIN", str(ROOT / "build/bin/vshift"))
 SCENES = os.environ.get("VSHIFT_SCENES", str(ROOT / "build/bin/vshift-scenes"))
 
@@ -98,6 +101,17 @@ class Fills(unittest.TestCase):
         low, high = row["psnr_db_95"]
         self.assertLessEqual(low, row["psnr_db"])
         self.assertGreaterEqual(high, row["psnr_db"])
+
+    def test_a_set_pooled_alone_is_itself(self):
+        pooled = fills.pooled([self.scores])
+        twice = fills.pooled([self.scores, self.scores])
+        for arm, shift, region in (("self-telea", "all", "hole"), ("seam-background", "2 m", "lost"), ("self-background", "4 m", "neighbour")):
+            row = self.summary(arm=arm, shift=shift, camera="all", region=region)
+            for got, times in ((fills.one(pooled, arm=arm, shift=shift, region=region), 1), (fills.one(twice, arm=arm, shift=shift, region=region), 2)):
+                self.assertAlmostEqual(got["psnr_db"], row["psnr_db"], places=6)
+                self.assertAlmostEqual(got["flip"], row["flip"], places=9)
+                self.assertEqual((got["pixels"], got["frames"]), (times * row["pixels"], times * row["frames"]))
+        self.assertIn("| own camera + Telea (OpenCV) |", fills.markdown(pooled))
 
     def test_known_pixels_are_the_warp_bit_for_bit(self):
         words = ("--camera", "CAM_FRONT", "--frame", 1, "--shift", "0,2,0")

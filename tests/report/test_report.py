@@ -243,5 +243,26 @@ class ReportTest(unittest.TestCase):
         self.refused(lambda f: None, r"--strip-camera: got \"CAM_X\"", 3, ("--strip", self.temp / "s.png", "--strip-camera", "CAM_X"))
 
 
+class Foliage(unittest.TestCase):
+    def test_scored_apart(self):
+        """Every third row of the made-up truth shows leaves; the counts are numpy's."""
+        with tempfile.TemporaryDirectory() as folder:
+            folder = fake_set.make_set(folder, cameras=1, shifts=((0, 1, 0),), width=96, height=54)
+            vshift = os.environ.get("VSHIFT_BIN", str(ROOT / "build" / "bin" / "vshift"))
+            subprocess.run([vshift, "score", str(folder / "set.vshift")], check=True, capture_output=True)
+            rows = json.loads((folder / "scores/scores.json").read_text())["mask_regions"]
+            self.assertEqual(len(rows), 8)  # two methods, scene and shell, foliage and the rest
+            where = f"{fake_set.shift_name((0, 1, 0))}/0000/CAM_FRONT.exr"
+            truth = fake_set.read_exr(folder / "truth" / where)
+            for row in rows:
+                got = fake_set.read_exr(folder / "masks" / row["method"] / where)["occluded"] > .5
+                want = truth["occluded" if row["against"] == "scene" else "shell_" + row["method"]] > .5
+                region = ((truth["foliage"] > .5) == (row["region"] == "foliage")) & (truth["outside"] < .5)
+                self.assertEqual(row["pixels"], region.sum())
+                self.assertEqual([row["true_positive"], row["false_positive"], row["false_negative"]],
+                                 [(got & want & region).sum(), (got & ~want & region).sum(), (~got & want & region).sum()])
+            self.assertGreater(sum(r["true_positive"] for r in rows if r["region"] == "foliage"), 0)
+
+
 if __name__ == "__main__":
     unittest.main()

@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+// Role: the lift's vectorised loops over rows of a depth map, chosen for the machine when the program runs (Highway).
+// No fused operations, so every machine gives the same bytes.
+#pragma once
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+
+namespace vshift::lifting {
+
+/// What a row of depth holds.
+struct RowCounts {
+    uint32_t invalid = 0, sky = 0;
+    float nearest_m = 1e12f;
+};
+
+/// When neighbours along one image axis are torn apart (DepthRules, in floats).
+struct TearRule {
+    float least_step;  ///< of 1/z, that shows
+    float tear_break, crease_break;
+    float constant, relative, squared;  ///< error of 1/z
+};
+
+/// Of 1/z and tears within a box of pixels.
+struct BoxBounds {
+    float low = std::numeric_limits<float>::infinity(), high = 0;
+    bool invalid = false, torn = false;
+};
+
+struct Kernels {
+    /// w = 1/z: 0 sky, NaN no measurement.
+    RowCounts (*inverse)(const float* z, size_t n, float* w);
+    /// Tears of pixels 0 to n - 1 of row `w`, from the right neighbour (bit 0) and the lower one (bit 1). w[-1] and
+    /// w[n + 1] are read, and n values of the rows before and after. Returns how many pixels it did, from the first on.
+    size_t (*tears)(const float* above, const float* w, const float* below, const float* below2, size_t n,
+                    const TearRule& across, const TearRule& down, uint8_t* tears);
+    /// Rows are `stride` apart.
+    BoxBounds (*bounds)(const float* w, const uint8_t* tears, size_t stride, size_t columns, size_t rows);
+};
+
+const Kernels& kernels();
+
+}  // namespace vshift::lifting
