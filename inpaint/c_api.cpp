@@ -68,7 +68,8 @@ Views views_of(const vshift_inpaint_views& v, bool training) {
     return {copied(v.fill, 3, v, "views: fill"), copied(v.hole, 1, v, "views: hole"),
             copied(v.neighbor, 1, v, "views: neighbor"), copied(v.inverse_depth, 1, v, "views: inverse_depth"),
             training ? copied(v.target, 3, v, "views: target") : Tensor(),
-            training && v.weight ? copied(v.weight, 1, v, "views: weight") : Tensor()};
+            training && v.weight ? copied(v.weight, 1, v, "views: weight") : Tensor(),
+            training && v.seen ? copied(v.seen, ray_count * ray_numbers + own_numbers, v, "views: seen") : Tensor()};
 }
 
 struct TrainRequest {
@@ -170,9 +171,7 @@ int vshift_inpaint_train(const char* options_json, vshift_inpaint_sample sample,
             stopped = progress && progress(user, step, r.train.steps, loss) != 0;
             return !stopped;
         };
-        const auto start = std::chrono::steady_clock::now();
         const TrainState state = train(model, r.train, hooks);
-        const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
         if (!r.curve_file.empty()) write_whole_file(r.curve_file, curve_csv(state));
         if (stopped) throw interrupted_error();
         if (hash_of(model.vae.weights) != frozen)
@@ -182,7 +181,6 @@ int vshift_inpaint_train(const char* options_json, vshift_inpaint_sample sample,
         record["batch"] = r.train.batch * r.train.accumulate;
         record["learning_rate"] = r.train.learning_rate;
         record["seed"] = r.train.seed;
-        record["seconds_of_last_run"] = seconds;
         record["last_loss"] = state.curve.back()[1];
         record["made_with"] = vshift_inpaint_version();
         model.metadata["training"] = record.dump();

@@ -4,16 +4,18 @@
 // In pixels the network predicts (target - fill) * residual_scale where pixels may change and sees the fill, the masks
 // and 1/z; its output begins at zero, that is at the fill. In latents it predicts the target's latent and sees the
 // condition's (and the masks as shares of a latent's area), as the paper says. Either comes as one step (regression:
-// the velocity at t = 1 from z1 = 0) or as flow matching. Pixels that may not change come back bit for bit.
+// the velocity at t = 1 from z1 = 0) or as flow matching. pixel_rays is regression pixel by pixel (ray_mixer.h), and
+// changes holes alone. Pixels that may not change come back bit for bit.
 #pragma once
 #include "inpaint/dit.h"
 #include "inpaint/flow.h"
+#include "inpaint/ray_mixer.h"
 #include "inpaint/unet.h"
 #include "inpaint/vae.h"
 
 namespace vshift::inpaint {
 
-enum class Kind { pixel_unet, pixel_dit, latent_dit };
+enum class Kind { pixel_unet, pixel_dit, latent_dit, pixel_rays };
 
 struct ModelConfig {
     Kind kind = Kind::pixel_unet;
@@ -24,6 +26,7 @@ struct ModelConfig {
     double time_shift = 1;   ///< Wan's, in training and sampling
     double residual_scale = 4;
     UnetConfig unet;
+    RayMixerConfig rays;
     DitConfig dit;
     VaeConfig vae;
 };
@@ -51,6 +54,7 @@ struct Views {
     Tensor inverse_depth;  ///< 1, in 1/m; 0 in holes and sky
     Tensor target;         ///< 3: training only
     Tensor weight;         ///< 1: how much an error counts in training; undefined: hole or neighbor
+    Tensor seen;           ///< training of pixel_rays, whose pixels are drawn from many views: ray_mixer_forward's input
 };
 
 /// H and W that the model takes are multiples of this.

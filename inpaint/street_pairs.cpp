@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "embree_core/condition.h"
 #include "embree_core/fill.h"
 #include "embree_core/srgb.h"
 #include "embree_core/sweep.h"
@@ -40,12 +41,27 @@ size_t lost_pixels(const Grid<uint8_t>& classes, Mask& hole) {
     return count;
 }
 
+/// The recorded view warped there and back; what does not come back is lost as well. False: V sees nothing of it.
+bool warp_there_and_back(const RecordedViews::View& view, const Shift& shift, ColorImage& color, Mask& lost) {
+    const Pose own = view.camera.ego_from_cam;
+    const ShiftedCamera v{view.camera.intrinsics, shifted_ego_from_cam(own, shift)};
+    const SurfaceView surface = surface_view(view.camera.intrinsics, own, view.depth, v.world_from_cam.translation_m);
+    Reprojection shown;
+    if (!reproject(surface, v, nullptr, shown)) return false;
+    const Sampler sampler(SurfaceField{surface.inverse_depth, surface.tears}, view.color,
+                          projective_map(surface.intrinsics, own, v.intrinsics, v.world_from_cam));
+    color = view.color;
+    warp_twice(surface, v, warp(shown, sampler, EdgeBand::drop), shown, same_surface_share, color, lost);
+    return true;
+}
+
 }  // namespace
 
 vshift_inpaint_views PairPlanes::views() const {
     return {1,           height,          width,       fill.data(), hole.data(), neighbor.data(), inverse_depth.data(),
             target.empty() ? nullptr : target.data(),
-            weight.empty() ? nullptr : weight.data()};
+            weight.empty() ? nullptr : weight.data(),
+            seen.empty() ? nullptr : seen.data()};
 }
 
 std::vector<float> display_planes(const ColorImage& image) {
@@ -92,7 +108,7 @@ RecordedViews record_streets(const std::vector<uint32_t>& seeds, int frames, int
     return out;
 }
 
-PairPlanes training_pair(const RecordedViews& recorded, uint64_t seed, uint64_t number, int crop_px) {
+PairPlanes training_pair(const RecordedViews& recorded, uint64_t seed, uint64_t number, int crop_px, bool twice) {
     thread_local Sweeper sweeper;
     analytic::Stream random(uint32_t(seed * 7919 + number), uint32_t(number >> 20) + 17);
     for (;;) {
@@ -107,12 +123,14 @@ PairPlanes training_pair(const RecordedViews& recorded, uint64_t seed, uint64_t 
         sweeper.classes(camera, view.depth, classes);
         Mask hole;
         if (lost_pixels(classes, hole) == hole.size()) continue;
-        PairPlanes pair = planes_of(view.color, view.depth, hole, &view.color);
+        ColorImage back;
+        if (twice && !warp_there_and_back(view, shift, back, hole)) continue;
+        PairPlanes pair = planes_of(twice ? back : view.color, view.depth, hole, &view.color);
         pair.weight.resize(classes.size());
         std::vector<size_t> occluded_pixels;
         for (size_t i = 0; i < classes.size(); ++i) {
             const bool occluded = (classes.data[i] & (occluded_bit | outside_bit)) == occluded_bit;
-            pair.weight[i] = occluded ? 1.0f : hole.data[i] ? outside_weight : 0.0f;
+            pair.weight[i] = occluded ? 1.0f : classes.data[i] & outside_bit ? outside_weight : 0.0f;
             if (occluded) occluded_pixels.push_back(i);
         }
         if (occluded_pixels.empty()) continue;

@@ -17,6 +17,7 @@ namespace vshift::inpaint {
 struct PairPlanes {
     int width = 0, height = 0;
     std::vector<float> target, fill, hole, neighbor, inverse_depth, weight;
+    std::vector<float> seen;  ///< of single pixels alone (pixel_pool.h)
     vshift_inpaint_views views() const;
 };
 
@@ -38,8 +39,9 @@ RecordedViews record_streets(const std::vector<uint32_t>& seeds, int frames, int
 /// Training pair `number` of a run: a view and a sideways shift of 0.5 to 4 m to either side (up to 1 m along) follow
 /// from seed and number. What is lost from there is the hole (method.md section 2). Views in which nothing is occluded are passed by. What
 /// is outside V's frame weighs a tenth: it is several times as much and can be guessed less. With `crop_px`, a square of
-/// that side that holds an occluded pixel, every other one mirrored; 0: whole views.
-PairPlanes training_pair(const RecordedViews& recorded, uint64_t seed, uint64_t number, int crop_px = 0);
+/// that side that holds an occluded pixel, every other one mirrored; 0: whole views. `twice`: what is not lost is warped
+/// there and back (condition.h, warp_twice), so that edges and sharpness are those of a shifted view.
+PairPlanes training_pair(const RecordedViews& recorded, uint64_t seed, uint64_t number, int crop_px = 0, bool twice = false);
 
 /// A true shifted view: what the own camera saw, warped there; its holes; and the truth, rendered.
 struct TrueShiftedView {

@@ -12,6 +12,7 @@
 #include "embree_core/image_file.h"
 #include "inpaint/judge_streets.h"
 #include "inpaint/network_library.h"
+#include "inpaint/pixel_pool.h"
 #include "inpaint/street_pairs.h"
 
 namespace vshift::cli {
@@ -22,7 +23,7 @@ using nlohmann::ordered_json;
 
 struct Options {
     std::string output, streets = "1-12", judge, kind = "pixel_unet", config;
-    int frames = 2, width = 256, crop = 0, steps = 1000, batch = 8, accumulate = 1, threads = 0, checkpoint_every = 100;
+    int frames = 2, width = 256, crop = 0, pairs = 1500, steps = 1000, batch = 8, accumulate = 1, threads = 0, checkpoint_every = 100;
     std::vector<int> euler_steps{1};
     int64_t seed = 1;
     double learning_rate = 1e-4, ema = 0.999;
@@ -70,9 +71,12 @@ ordered_json model_config(const Options& o) {
     return model;
 }
 
+constexpr int pixels_of_a_sample = 512;  // of kind pixel_rays
+
 /// What the library calls back.
 struct Run {
     const inpaint::RecordedViews& recorded;
+    const inpaint::PixelPool& pool;  ///< of kind pixel_rays, else empty
     uint64_t seed;
     int crop_px;
     Progress progress;
@@ -82,7 +86,8 @@ struct Run {
     static int sample(void* user, uint64_t number, vshift_inpaint_views* out) {
         Run& run = *static_cast<Run*>(user);
         try {
-            run.pair = inpaint::training_pair(run.recorded, run.seed, number, run.crop_px);
+            run.pair = run.pool.size() ? inpaint::pixel_sample(run.pool, run.seed, number, pixels_of_a_sample)
+                                       : inpaint::training_pair(run.recorded, run.seed, number, run.crop_px);
         } catch (const std::exception& e) {
             run.error = e.what();
             return 1;
@@ -119,6 +124,15 @@ void train(const Options& o, const std::vector<uint32_t>& seeds) {
             drawing.show(done, total, std::to_string(o.width) + " px");
         });
     drawing.finish();
+    inpaint::PixelPool pool;
+    if (o.kind == "pixel_rays") {
+        Progress picking("pairs");
+        pool = inpaint::pixel_pool(recorded, uint64_t(o.seed), size_t(o.pairs), [&](size_t done, size_t total) {
+            stop_if_interrupted();
+            picking.show(done, total, "training pairs");
+        });
+        picking.finish();
+    }
     const double drawn_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     const std::string stem = fs::path(o.output).replace_extension().string();
     const ordered_json options = {
@@ -127,8 +141,8 @@ void train(const Options& o, const std::vector<uint32_t>& seeds) {
         {"checkpoint_file", stem + ".checkpoint.safetensors"}, {"curve_file", stem + ".curve.csv"}, {"model_file", o.output},
         {"license", "Apache-2.0"},
         {"record", {{"data", "analytic streets, virtual shifts of 0.5 to 4 m of recorded views"}, {"streets", o.streets},
-                    {"frames", o.frames}, {"width", o.width}, {"crop", o.crop}, {"views", recorded.views.size()}}}};
-    Run run{recorded, uint64_t(o.seed), o.crop, Progress("train"), {}, {}};
+                    {"frames", o.frames}, {"width", o.width}, {"crop", o.crop}, {"pairs", pool.size() ? o.pairs : 0}, {"pixels", pool.size()}, {"views", recorded.views.size()}}}};
+    Run run{recorded, pool, uint64_t(o.seed), o.crop, Progress("train"), {}, {}};
     const int code = library.train(options.dump().c_str(), Run::sample, Run::after_step, &run);
     run.progress.finish();
     if (!run.error.empty()) throw Error(ExitCode::bad_input, "train: " + run.error);
@@ -148,7 +162,7 @@ void run(const Options& o) {
         if (std::find(seeds.begin(), seeds.end(), s) != seeds.end() && !o.judge_only)
             throw Error(ExitCode::bad_input, "usage: --judge: got street " + std::to_string(s) + ", which is trained on, expected others");
     if (o.kind == "latent_dit")
-        throw Error(ExitCode::bad_input, "usage: --kind: got latent_dit, expected pixel_unet or pixel_dit (there is no "
+        throw Error(ExitCode::bad_input, "usage: --kind: got latent_dit, expected pixel_unet, pixel_dit or pixel_rays (there is no "
                                          "trained autoencoder of ours yet)");
     const int threads = o.threads > 0 ? o.threads : int(std::max(1u, std::thread::hardware_concurrency()));
     inpaint::check(inpaint::network_library().set_threads(threads));
@@ -181,7 +195,8 @@ void add_train_verb(CLI::App& app) {
     sub->add_option("--frames", o->frames, "of each street")->capture_default_str()->check(CLI::Range(1, 81));
     sub->add_option("--width", o->width, "of the pictures, px")->capture_default_str()->check(CLI::Range(64, 1600));
     sub->add_option("--crop", o->crop, "side of the squares that are trained on, px; 0: whole views")->check(CLI::Range(0, 1600));
-    sub->add_option("--kind", o->kind, "pixel_unet or pixel_dit")->capture_default_str();
+    sub->add_option("--kind", o->kind, "pixel_unet, pixel_dit or pixel_rays")->capture_default_str();
+    sub->add_option("--pairs", o->pairs, "that pixel_rays draws its pixels from")->capture_default_str()->check(CLI::Range(1, 1000000));
     sub->add_option("--config", o->config, "JSON file with further fields of the model's config");
     sub->add_flag("--flow", o->flow, "flow matching; else one-step regression");
     sub->add_flag("--no-masks", o->no_masks, "ablation: the network sees no mask channels");
