@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::array<const char*, 4> kind_names{"pixel_unet", "pixel_dit", "latent_dit", "pixel_rays"};
 constexpr double near_m = 8;  // 1/z is seen in eighths of a metre
-constexpr size_t rays_at_once = 4096;
+constexpr size_t rays_at_once = 768;
 
 bool in_pixels(const ModelConfig& c) {
     return c.kind != Kind::latent_dit;

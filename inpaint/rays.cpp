@@ -41,11 +41,25 @@ RayNumbers ray_numbers_of(const RayPlanes& p, const std::vector<int32_t>& chosen
     out.rays.assign(chosen.size() * ray_count * ray_numbers, 0);
     out.own.resize(chosen.size() * own_numbers);
     const size_t n = size_t(p.width) * size_t(p.height);
+    struct Known {
+        float color[3], near, log_inverse;
+    };
+    std::vector<Known> known(n);  // of a pixel all in one place
+    tbb::parallel_for(0, p.height, [&](int y) {
+        for (size_t i = size_t(y) * size_t(p.width), end = i + size_t(p.width); i < end; ++i) {
+            if (p.hole[i] > 0) continue;
+            for (size_t c = 0; c < 3; ++c) known[i].color[c] = 2 * p.fill[c * n + i] - 1;
+            known[i].near = near_m * p.inverse_depth[i];
+            known[i].log_inverse = std::log(p.inverse_depth[i] + far_inverse_m);
+        }
+    });
     tbb::parallel_for(0, ray_count, [&](int k) {
         thread_local std::vector<int32_t> first;
         const int dx = step[k][0], dy = step[k][1];
         const float length = std::sqrt(float(dx * dx + dy * dy));
         find_first(p, dx, dy, first);
+        std::vector<float> log_far(size_t(std::max(p.width, p.height)) + 1);
+        for (size_t i = 0; i < log_far.size(); ++i) log_far[i] = std::log1p(float(i) * length);
         for (size_t i = 0; i < chosen.size(); ++i) {
             const int32_t at = chosen[i], edge = first[size_t(at)];
             if (edge < 0) continue;
@@ -53,19 +67,17 @@ RayNumbers ray_numbers_of(const RayPlanes& p, const std::vector<int32_t>& chosen
             const int steps = dx ? (ex - at % p.width) / dx : (ey - at / p.width) / dy;
             const int bx = std::clamp(ex + 2 * dx, 0, p.width - 1), by = std::clamp(ey + 2 * dy, 0, p.height - 1);
             const size_t there = size_t(by) * size_t(p.width) + size_t(bx);
-            const size_t beyond = p.hole[there] <= 0 ? there : size_t(edge);
+            const Known& a = known[size_t(edge)];
+            const Known& b = p.hole[there] <= 0 ? known[there] : a;
             float* v = out.rays.data() + (i * ray_count + size_t(k)) * ray_numbers;
-            for (size_t c = 0; c < 3; ++c) {
-                v[c] = 2 * p.fill[c * n + size_t(edge)] - 1;
-                v[3 + c] = 2 * p.fill[c * n + beyond] - 1;
-            }
-            const float w = p.inverse_depth[edge], w2 = p.inverse_depth[beyond], far = float(steps) * length;
-            v[6] = near_m * w;
-            v[7] = near_m * w2;
-            v[8] = std::log(w + far_inverse_m);
-            v[9] = std::log(w2 + far_inverse_m);
-            v[10] = std::log1p(far);
-            v[11] = 1 / (1 + far);
+            std::copy(a.color, a.color + 3, v);
+            std::copy(b.color, b.color + 3, v + 3);
+            v[6] = a.near;
+            v[7] = b.near;
+            v[8] = a.log_inverse;
+            v[9] = b.log_inverse;
+            v[10] = log_far[size_t(steps)];
+            v[11] = 1 / (1 + float(steps) * length);
             v[12] = 1;
         }
     });
