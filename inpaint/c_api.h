@@ -36,6 +36,7 @@ typedef struct {
     const float* inverse_depth; /* 1: 1/m, 0 in holes and sky */
     const float* target;        /* 3: training only, else NULL */
     const float* weight;        /* 1: how much an error counts in training; NULL: hole or neighbor */
+    const float* seen;          /* 213: training of kind pixel_rays, what the rays of every pixel meet (rays.h); else NULL */
 } vshift_inpaint_views;
 
 /* Training. `sample` gives what it always gives for that number; its memory must last until its next call. All samples

@@ -11,13 +11,14 @@
 namespace vshift::inpaint {
 namespace {
 
-constexpr std::array<const char*, 4> kind_names{"pixel_unet", "pixel_dit", "latent_dit", "autoencoder"};
+constexpr std::array<const char*, 5> kind_names{"pixel_unet", "pixel_dit", "latent_dit", "autoencoder", "pixel_rays"};
 constexpr double spread_weight = 1e-4;  // of the latents' distance from the normal distribution, beside the squared error
 constexpr double least_time = 1e-3;  // of models that give z0
 constexpr double near_m = 8;  // 1/z is seen in eighths of a metre
+constexpr size_t rays_at_once = 768;
 
 bool in_pixels(const ModelConfig& c) {
-    return c.kind == Kind::pixel_unet || c.kind == Kind::pixel_dit;
+    return c.kind != Kind::latent_dit && c.kind != Kind::autoencoder;
 }
 
 /// What follows from the rest: channels in and out.
@@ -30,6 +31,7 @@ void set_channels(ModelConfig& c) {
 
 Layout network_layout(const ModelConfig& c) {
     if (c.kind == Kind::autoencoder) return vae_layout(c.vae);
+    if (c.kind == Kind::pixel_rays) return ray_mixer_layout(c.rays);
     return c.kind == Kind::pixel_unet ? unet_layout(c.unet) : dit_layout(c.dit);
 }
 
@@ -86,7 +88,8 @@ ModelConfig parse_model_config(const std::string& text, const std::string& file)
         };
         if (key == "kind") {
             const auto at = std::find_if(kind_names.begin(), kind_names.end(), [&](const char* n) { return value == n; });
-            if (at == kind_names.end()) refuse(field, value.dump().substr(0, 40), "pixel_unet, pixel_dit, latent_dit or autoencoder");
+            if (at == kind_names.end())
+                refuse(field, value.dump().substr(0, 40), "pixel_unet, pixel_dit, latent_dit, autoencoder or pixel_rays");
             c.kind = Kind(at - kind_names.begin());
         } else if (key == "flow") c.flow = truth();
         else if (key == "masks") c.masks = truth();
@@ -98,10 +101,13 @@ ModelConfig parse_model_config(const std::string& text, const std::string& file)
         else if (key == "gives_data") c.gives_data = truth();
         else if (key == "residual_scale") c.residual_scale = number(0.01, 100);
         else if (key == "unet") c.unet = parse_unet_config(value, field);
+        else if (key == "rays") c.rays = parse_ray_mixer_config(value, field);
         else if (key == "dit") c.dit = parse_dit_config(value, field);
         else if (key == "vae") c.vae = parse_vae_config(value, field);
         else refuse(field, "an unknown field", "none");
     }
+    if (c.kind == Kind::pixel_rays && (c.flow || !c.masks || !c.depth))
+        refuse(where + ": kind", "pixel_rays with flow or without masks or depth", "regression from all of them");
     set_channels(c);
     return c;
 }
@@ -119,6 +125,8 @@ std::string json_of(const ModelConfig& c) {
                                 {"residual_scale", c.residual_scale}};
     if (c.kind == Kind::pixel_unet)
         j["unet"] = json_of(c.unet);
+    else if (c.kind == Kind::pixel_rays)
+        j["rays"] = json_of(c.rays);
     else if (c.kind != Kind::autoencoder)
         j["dit"] = json_of(c.dit);
     if (!in_pixels(c)) j["vae"] = json_of(c.vae);
@@ -130,11 +138,19 @@ Model initial_model(const ModelConfig& config, uint64_t seed) {
     m.config = config;
     set_channels(m.config);
     if (!in_pixels(config)) m.vae.config = config.vae;
-    if (config.kind == Kind::autoencoder)
-        m.weights = initial_vae(config.vae, seed);
-    else
-        m.weights = config.kind == Kind::pixel_unet ? initial_weights(unet_layout(m.config.unet), seed, unet_begins_at_zero)
-                                                    : initial_dit(m.config.dit, seed);
+    switch (config.kind) {
+        case Kind::autoencoder:
+            m.weights = initial_vae(config.vae, seed);
+            break;
+        case Kind::pixel_rays:
+            m.weights = initial_weights(ray_mixer_layout(config.rays), seed, ray_mixer_begins_at_zero);
+            break;
+        case Kind::pixel_unet:
+            m.weights = initial_weights(unet_layout(m.config.unet), seed, unet_begins_at_zero);
+            break;
+        default:
+            m.weights = initial_dit(m.config.dit, seed);
+    }
     if (config.kind == Kind::latent_dit) m.vae.weights = initial_vae(config.vae, seed + 1);
     return m;
 }
@@ -207,6 +223,7 @@ void save_model(const std::filesystem::path& file, const Model& model, const Wei
 }
 
 int64_t model_side(const ModelConfig& c) {
+    if (c.kind == Kind::pixel_rays) return 1;
     if (c.kind == Kind::pixel_unet) return unet_side(c.unet);
     if (c.kind == Kind::autoencoder) return vae_side(c.vae);
     const int64_t patch = std::max(c.dit.patch[1], c.dit.patch[2]);
@@ -237,6 +254,12 @@ Example prepare(const Model& model, const Views& v, VaeState* target_state, VaeS
     Tensor hole = v.hole, neighbor = v.neighbor, near = (v.inverse_depth * near_m).clamp(0, 2) - 1;
     e.may_change = at::maximum(hole, neighbor);
     e.weight = v.weight.defined() ? v.weight : e.may_change;
+    if (c.kind == Kind::pixel_rays) {
+        if (!v.seen.defined()) refuse("train: sample: seen", "none", "what the rays of pixel_rays meet");
+        e.z0 = (v.target - v.fill) * c.residual_scale * e.may_change;
+        e.condition = v.seen;
+        return e;
+    }
     if (in_pixels(c)) {
         if (v.target.defined()) e.z0 = (v.target - v.fill) * c.residual_scale * e.may_change;
         seen.push_back(v.fill * 2 - 1);
@@ -262,6 +285,13 @@ Example prepare(const Model& model, const Views& v, VaeState* target_state, VaeS
 Tensor velocity(const Model& model, const Weights& weights, const Tensor& z, const Tensor& t, const Tensor& condition,
                 const DitOptions& options) {
     const ModelConfig& c = model.config;
+    if (c.kind == Kind::pixel_rays) {
+        const auto s = z.sizes();
+        const Tensor seen = condition.movedim(1, -1).flatten(0, -2);
+        const Tensor fill = (seen.narrow(1, ray_count * ray_numbers, 3) + 1) / 2;
+        const Tensor change = (ray_mixer_forward(c.rays, weights, seen) - fill) * c.residual_scale;
+        return -change.reshape({s[0], s[2], s[3], s[4], 3}).movedim(-1, 1);
+    }
     const Tensor x = at::cat({z, condition}, 1);
     const Tensor made = c.kind == Kind::pixel_unet ? unet_forward(c.unet, weights, x, t * 1000)
                                                    : dit_forward({c.dit, weights}, x, (t * 1000).unsqueeze(1), {}, options);
@@ -346,8 +376,44 @@ int64_t piece_frames(const ModelConfig& config) {
     return in_pixels(config) ? 1 : vae_frames(config.vae);
 }
 
+/// Kind pixel_rays, on the CPU: a list of hole pixels.
+Tensor inpaint_by_rays(const Model& model, const Views& v) {
+    const int64_t B = v.fill.size(0), F = v.fill.size(2), H = v.fill.size(3), W = v.fill.size(4);
+    const Tensor hole = v.hole.cpu().contiguous(), near = v.inverse_depth.cpu().contiguous();
+    Tensor made = v.fill.cpu().clone();
+    for (int64_t b = 0; b < B; ++b)
+        for (int64_t f = 0; f < F; ++f) {
+            const Tensor fill = v.fill.cpu().select(0, b).select(1, f).contiguous();
+            const RayPlanes planes{int(W), int(H), fill.data_ptr<float>(), hole.select(0, b).select(1, f).data_ptr<float>(),
+                                   near.select(0, b).select(1, f).data_ptr<float>()};
+            std::vector<int32_t> chosen;
+            for (int32_t i = 0; i < H * W; ++i)
+                if (planes.hole[i] > 0) chosen.push_back(i);
+            const RayNumbers seen = ray_numbers_of(planes, chosen);
+            Tensor frame = made.select(0, b).select(1, f);  // a view
+            // In pieces that a cache holds.
+            for (size_t at = 0; at < chosen.size(); at += rays_at_once) {
+                const auto n = int64_t(std::min(rays_at_once, chosen.size() - at));
+                const auto of = [&](const std::vector<float>& numbers, int64_t each) {
+                    return at::from_blob(const_cast<float*>(numbers.data()) + int64_t(at) * each, {n, each}, at::kFloat);
+                };
+                const Tensor colors = ray_mixer_forward(model.config.rays, model.weights,
+                                                        at::cat({of(seen.rays, ray_count * ray_numbers), of(seen.own, own_numbers)}, 1));
+                const auto color = colors.accessor<float, 2>();
+                auto out = frame.accessor<float, 3>();
+                for (int64_t i = 0; i < n; ++i)
+                    for (int64_t c = 0; c < 3; ++c) {
+                        const int32_t pixel = chosen[at + size_t(i)];
+                        out[c][pixel / W][pixel % W] = std::clamp(color[i][c], 0.0f, 1.0f);
+                    }
+            }
+        }
+    return made.to(v.fill.device());
+}
+
 Tensor inpaint(const Model& model, const Views& input, int steps, uint64_t seed, Stream& stream) {
     at::NoGradGuard no_grad;
+    if (model.config.kind == Kind::pixel_rays) return inpaint_by_rays(model, input);
     const ModelConfig& c = model.config;
     const int64_t H = input.fill.size(3), W = input.fill.size(4);
     Views v = padded(c, input);

@@ -6,15 +6,17 @@
 // condition's (and the masks as shares of a latent's area), as the paper says. Either comes as one step (regression:
 // the velocity at t = 1 from z1 = 0) or as flow matching. What may not change is neither noise nor moved: known latents
 // stay the condition's, known pixels come back bit for bit. An autoencoder is trained first and alone; it fills nothing.
+// pixel_rays is regression pixel by pixel (ray_mixer.h), and changes holes alone.
 #pragma once
 #include "inpaint/dit.h"
 #include "inpaint/flow.h"
+#include "inpaint/ray_mixer.h"
 #include "inpaint/unet.h"
 #include "inpaint/vae.h"
 
 namespace vshift::inpaint {
 
-enum class Kind { pixel_unet, pixel_dit, latent_dit, autoencoder };
+enum class Kind { pixel_unet, pixel_dit, latent_dit, autoencoder, pixel_rays };
 
 struct ModelConfig {
     Kind kind = Kind::pixel_unet;
@@ -29,6 +31,7 @@ struct ModelConfig {
     double early_time = 0.25;  ///< of such a network, in training: v's error below this t counts as that at it
     double residual_scale = 4;
     UnetConfig unet;
+    RayMixerConfig rays;
     DitConfig dit;
     VaeConfig vae;
 };
@@ -61,6 +64,7 @@ struct Views {
     Tensor inverse_depth;  ///< 1, in 1/m; 0 in holes and sky
     Tensor target;         ///< 3: training only
     Tensor weight;         ///< 1: how much an error counts in training; undefined: hole or neighbor
+    Tensor seen;           ///< training of pixel_rays, whose pixels are drawn from many views: ray_mixer_forward's input
 };
 
 /// H and W that the model takes are multiples of this.

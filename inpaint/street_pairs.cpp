@@ -82,6 +82,17 @@ Sources sources_of(const Seam& seam, int own) {
     return s;
 }
 
+/// The recorded view warped there and back; what does not come back is lost as well. False: V sees nothing of it.
+bool warp_there_and_back(const RecordedViews::View& view, const ShiftedCamera& v, ColorImage& color, Mask& lost) {
+    const SurfaceView surface =
+        surface_view(view.camera.intrinsics, view.camera.ego_from_cam, view.depth, v.world_from_cam.translation_m);
+    Reprojection shown;
+    if (!reproject(surface, v, nullptr, shown)) return false;
+    warp_twice(surface, v, warp(shown, sampler_of(surface, view.color, v), EdgeBand::drop), shown, same_surface_share, color,
+               lost);
+    return true;
+}
+
 /// In R: what V loses is the hole, or the neighbours' pixels.
 PairPlanes recorded_pair(const RecordedViews& recorded, size_t chosen, const Shift& shift, Arm arm) {
     thread_local Sweeper sweeper;
@@ -94,20 +105,13 @@ PairPlanes recorded_pair(const RecordedViews& recorded, size_t chosen, const Shi
     sweeper.classes(camera, view.depth, classes);
     Mask lost;
     if (lost_pixels(classes, lost) == lost.size()) return {};
+    ColorImage color = view.color;
+    if ((arm == Arm::double_warp || arm == Arm::there_and_back) && !warp_there_and_back(view, v, color, lost)) return {};
     PairPlanes pair;
     if (!has_neighbors(arm)) {
-        pair = planes_of(view.color, view.depth, lost, &view.color);
+        pair = planes_of(color, view.depth, lost, &view.color);
     } else {
         const int own = int(chosen % recorded.rig_size);
-        ColorImage color = view.color;
-        if (arm == Arm::double_warp) {
-            const SurfaceView surface = surface_view(view.camera.intrinsics, view.camera.ego_from_cam, view.depth,
-                                                     v.world_from_cam.translation_m);
-            Reprojection shown;
-            if (!reproject(surface, v, nullptr, shown)) return {};
-            warp_twice(surface, v, warp(shown, sampler_of(surface, view.color, v), EdgeBand::drop), shown,
-                       same_surface_share, color, lost);
-        }
         RigSurfaces rig(recorded, chosen, view.camera.ego_from_cam.translation_m);
         rig.cameras[size_t(own)].image = &color;
         const Seam seam = seam_recorded(rig.cameras, own, lost, {});
@@ -152,7 +156,8 @@ PairPlanes splatted_pair(const RecordedViews& recorded, size_t chosen, const Shi
 vshift_inpaint_views PairPlanes::views() const {
     return {1,           height,          width,       fill.data(), hole.data(), neighbor.data(), inverse_depth.data(),
             target.empty() ? nullptr : target.data(),
-            weight.empty() ? nullptr : weight.data()};
+            weight.empty() ? nullptr : weight.data(),
+            seen.empty() ? nullptr : seen.data()};
 }
 
 std::vector<float> display_planes(const ColorImage& image) {
@@ -183,7 +188,7 @@ PairPlanes planes_of(const ColorImage& color, const DepthMap& depth, const Mask&
 }
 
 const std::vector<std::string>& arm_names() {
-    static const std::vector<std::string> names{"extrapolation", "virtual_shift", "seam", "double_warp"};
+    static const std::vector<std::string> names{"extrapolation", "virtual_shift", "seam", "double_warp", "there_and_back"};
     return names;
 }
 

@@ -17,6 +17,7 @@ namespace vshift::inpaint {
 struct PairPlanes {
     int width = 0, height = 0;
     std::vector<float> target, fill, hole, neighbor, inverse_depth, weight;
+    std::vector<float> seen;  ///< of single pixels alone (pixel_pool.h)
     vshift_inpaint_views views() const;
 };
 
@@ -30,9 +31,10 @@ enum class Arm {
     extrapolation,  ///< own points splatted to V; the target is every camera's, so it is known only where a neighbour saw
     virtual_shift,  ///< the recorded view without what V would lose; the target is the recorded view (paper III-C)
     seam,           ///< the same with the neighbours' pixels in what is lost (paper III-D)
-    double_warp     ///< the same, and what is not lost warped R -> V -> R
+    double_warp,    ///< the same, and what is not lost warped R -> V -> R
+    there_and_back  ///< virtual_shift, and what is not lost warped R -> V -> R
 };
-/// extrapolation, virtual_shift, seam, double_warp.
+/// As above, by name.
 const std::vector<std::string>& arm_names();
 inline bool has_neighbors(Arm arm) { return arm == Arm::seam || arm == Arm::double_warp; }
 

@@ -68,7 +68,9 @@ json parse_json(std::string_view text, const std::string& file, int deepest) {
 /// What loads by running code, told by its first bytes.
 void refuse_code(std::string_view bytes, const std::string& file) {
     const auto starts = [&](std::string_view with) { return bytes.substr(0, with.size()) == with; };
-    const bool pickle = bytes.size() > 1 && uint8_t(bytes[0]) == 0x80 && uint8_t(bytes[1]) <= 5;
+    // A header of safetensors may be 0x80 + 256 n bytes long too: then come zeros and a brace.
+    const bool header = bytes.size() > 8 && bytes.substr(3, 5) == std::string_view("\0\0\0\0\0", 5) && bytes[8] == '{';
+    const bool pickle = !header && bytes.size() > 1 && uint8_t(bytes[0]) == 0x80 && uint8_t(bytes[1]) <= 5;
     if (starts("PK\x03\x04") || pickle)
         refuse(file, "format", pickle ? "a pickle" : "a zip archive (a pickled .pt or TorchScript)",
                "safetensors (loading a pickle runs code of its author; convert it where you trust it)");

@@ -70,7 +70,7 @@ Views gathered(const TrainHooks& hooks, uint64_t first, int64_t count) {
         return parts.empty() ? Tensor() : at::cat(parts, 0);
     };
     return {joined(&Views::fill), joined(&Views::hole), joined(&Views::neighbor), joined(&Views::inverse_depth),
-            joined(&Views::target), joined(&Views::weight)};
+            joined(&Views::target), joined(&Views::weight), joined(&Views::seen)};
 }
 
 std::pair<double, Weights> gradients(const Weights& weights, const TrainOptions& o, int64_t step, const LossOfPass& loss_of_pass) {

@@ -16,6 +16,7 @@
 #include "inpaint/depth_pairs.h"
 #include "inpaint/judge_streets.h"
 #include "inpaint/network_library.h"
+#include "inpaint/pixel_pool.h"
 #include "inpaint/street_pairs.h"
 
 namespace vshift::cli {
@@ -29,7 +30,7 @@ constexpr const char* depth_kind = "depth";
 struct Options {
     std::string output, streets = "1-12", judge, kind = "pixel_unet", config, autoencoder, regression, arm = "virtual_shift";
     std::vector<std::string> judge_also;
-    int frames = 2, width = 256, crop = 0, steps = 1000, batch = 8, accumulate = 1, threads = 0, checkpoint_every = 100;
+    int frames = 2, width = 256, crop = 0, pairs = 1500, steps = 1000, batch = 8, accumulate = 1, threads = 0, checkpoint_every = 100;
     std::vector<int> euler_steps{1};
     int64_t seed = 1;
     double learning_rate = 1e-4, ema = 0.999;
@@ -69,8 +70,8 @@ inpaint::Arm arm_of(const std::string& name) {
     const auto& names = inpaint::arm_names();
     const auto at = std::find(names.begin(), names.end(), name);
     if (at == names.end())
-        throw Error(ExitCode::bad_input, "usage: --arm: got '" + name + "', expected extrapolation, virtual_shift, seam or "
-                                             "double_warp (nearest: " + nearest_word(name, names) + ")");
+        throw Error(ExitCode::bad_input, "usage: --arm: got '" + name + "', expected one of extrapolation, virtual_shift, seam, "
+                                             "double_warp, there_and_back (nearest: " + nearest_word(name, names) + ")");
     return inpaint::Arm(at - names.begin());
 }
 
@@ -101,6 +102,8 @@ ordered_json model_config(const Options& o) {
                         {"patch", {1, 2, 2}}, {"reach", 9}};
     return with_given(std::move(model), o);
 }
+
+constexpr int pixels_of_a_sample = 512;  // of kind pixel_rays
 
 /// What the library calls back: pairs of views to inpaint, or pictures with their depth.
 struct Run {
@@ -167,6 +170,15 @@ void train(const Options& o, const std::vector<uint32_t>& seeds, const std::vect
     if (o.kind == "autoencoder") checks = inpaint::record_streets(others, 1, o.width, show);
     const size_t views = depth ? depth_views.size() : recorded.views.size();
     drawing.finish();
+    inpaint::PixelPool pool;
+    if (o.kind == "pixel_rays") {
+        Progress picking("pairs");
+        pool = inpaint::pixel_pool(recorded, uint64_t(o.seed), size_t(o.pairs), [&](size_t done, size_t total) {
+            stop_if_interrupted();
+            picking.show(done, total, "training pairs");
+        });
+        picking.finish();
+    }
     const double drawn_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     const std::string stem = fs::path(o.output).replace_extension().string();
     const ordered_json options = {
@@ -177,10 +189,11 @@ void train(const Options& o, const std::vector<uint32_t>& seeds, const std::vect
         {"license", "Apache-2.0"},
         {"record", {{"data", depth ? "analytic streets, pictures and their true depth" : "analytic streets, virtual shifts of 0.5 to 4 m of recorded views"},
                     {"arm", depth ? "" : o.arm}, {"begins_with", fs::path(o.regression).filename().string()}, {"streets", o.streets},
-                    {"frames", o.frames}, {"width", o.width}, {"crop", o.crop}, {"views", views}}}};
+                    {"frames", o.frames}, {"width", o.width}, {"crop", o.crop}, {"pairs", pool.size() ? o.pairs : 0}, {"pixels", pool.size()}, {"views", views}}}};
     const auto seed = uint64_t(o.seed);
     const inpaint::Arm arm = arm_of(o.arm);
     Run run{[&](uint64_t number) {
+                if (pool.size()) return inpaint::pixel_sample(pool, seed, number, pixels_of_a_sample);
                 return inpaint::training_pair(number < VSHIFT_INPAINT_CHECKS ? recorded : checks, seed, number, o.crop, arm);
             },
             [&](uint64_t number) { return inpaint::depth_sample(depth_views, seed, number, o.crop); },
@@ -262,12 +275,16 @@ void add_train_verb(CLI::App& app) {
     sub->add_option("--frames", o->frames, "of each street")->capture_default_str()->check(CLI::Range(1, 81));
     sub->add_option("--width", o->width, "of the pictures, px")->capture_default_str()->check(CLI::Range(64, 1600));
     sub->add_option("--crop", o->crop, "side of the squares that are trained on, px; 0: whole views")->check(CLI::Range(0, 1600));
-    sub->add_option("--kind", o->kind, "pixel_unet, pixel_dit, autoencoder or latent_dit; depth: an estimator of depth from one picture, for vshift depth")->capture_default_str();
+    sub->add_option("--kind", o->kind,
+                    "pixel_rays, pixel_unet, pixel_dit, autoencoder or latent_dit; depth: an estimator of depth from one "
+                    "picture, for vshift depth")
+        ->capture_default_str();
+    sub->add_option("--pairs", o->pairs, "that pixel_rays draws its pixels from")->capture_default_str()->check(CLI::Range(1, 1000000));
     sub->add_option("--autoencoder", o->autoencoder, "a trained one, for latent_dit: frozen, and part of the model");
     sub->add_option("--begin-with", o->regression, "a regression by the same pixel_unet: where a flow's training begins");
     sub->add_option("--config", o->config, "JSON file with further fields of the model's config");
     sub->add_flag("--flow", o->flow, "flow matching; else one-step regression");
-    sub->add_option("--arm", o->arm, "what pairs are made of: virtual_shift, seam, double_warp or extrapolation")->capture_default_str();
+    sub->add_option("--arm", o->arm, "what pairs are made of: virtual_shift, seam, double_warp, there_and_back or extrapolation")->capture_default_str();
     sub->add_flag("--no-masks", o->no_masks, "ablation: the network sees no mask channels");
     sub->add_flag("--no-depth", o->no_depth, "ablation: nor inverse depth");
     sub->add_option("--euler-steps", o->euler_steps, "of flow, when judged: 1,2,4,8")->delimiter(',');

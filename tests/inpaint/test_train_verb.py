@@ -159,6 +159,19 @@ class Train(unittest.TestCase):
         begin, end = (8 + struct.unpack("<Q", data[:8])[0] + o for o in entry["data_offsets"])
         return data[begin:end]
 
+    def test_one_command_one_file(self):
+        files = []
+        for name in ("a.safetensors", "b.safetensors"):
+            done = self.train(name, kind="pixel_rays", steps=80, pairs=12)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            files.append((self.folder / name).read_bytes())
+        self.assertEqual(files[0], files[1])
+        rows = [float(line.split(",")[1]) for line in (self.folder / "a.curve.csv").read_text().splitlines()[1:]]
+        self.assertLess(sum(rows[-8:]), 0.9 * sum(rows[:8]))
+        other = self.train("c.safetensors", kind="pixel_rays", steps=5, pairs=12, seed=2)
+        self.assertEqual(other.returncode, 0, other.stderr)
+        self.assertNotEqual((self.folder / "c.safetensors").read_bytes(), files[0])
+
     def test_refuses(self):
         for options, code, part in (
                 ({"streets": "5-1"}, 3, "expected seeds"),

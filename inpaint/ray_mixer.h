@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+// Role: a small network for one hole pixel at a time: the fill and what 16 rays meet (rays.h), mixed by learned weights.
+// Stage: inpaint. The rival that learns the most in little time on a CPU: known pixels cost it nothing.
+#pragma once
+#include "inpaint/rays.h"
+#include "inpaint/weights.h"
+
+namespace vshift::inpaint {
+
+struct RayMixerConfig {
+    int64_t ray_dim = 24;  ///< what is kept of each ray
+    int64_t dim = 128;
+    int64_t layers = 2;  ///< between the rays and the output
+};
+
+RayMixerConfig parse_ray_mixer_config(const nlohmann::json& json, const std::string& where);
+nlohmann::ordered_json json_of(const RayMixerConfig& config);
+Layout ray_mixer_layout(const RayMixerConfig& config);
+/// The output: what is mixed begins near the fill.
+bool ray_mixer_begins_at_zero(const std::string& name);
+
+/// `seen` [N, ray_count * ray_numbers + own_numbers] in rays.h's order. Returns colors in 0..1 (or a little beyond),
+/// [N, 3]: a mean of the fill and the rays' colors beyond the edge, weighted by softmax, and a small color added.
+Tensor ray_mixer_forward(const RayMixerConfig& config, const Weights& weights, const Tensor& seen);
+
+}  // namespace vshift::inpaint
