@@ -11,6 +11,8 @@ namespace vshift::inpaint {
 namespace {
 
 constexpr std::array<size_t, 2> pixels_of_a_pair{200, 60};  // occluded, outside
+// There are far more pixels outside the frame, and a ray has less to tell there: they count so much less again.
+constexpr double outside_share = 0.25;
 constexpr size_t seen_numbers = ray_count * ray_numbers + own_numbers;
 
 }  // namespace
@@ -37,7 +39,7 @@ PixelPool pixel_pool(const RecordedViews& recorded, uint64_t seed, size_t pairs,
             for (size_t i = 0; i < some; ++i) {  // the front of a shuffled list
                 std::swap(from[i], from[size_t(random.whole(int(i), int(from.size()) - 1))]);
                 chosen.push_back(from[i]);
-                pool.up_to.push_back(sum += weights / double(some));
+                pool.up_to.push_back(sum += (k == 0 ? 1 : outside_share) * weights / double(some));
             }
         }
         const RayNumbers seen =
