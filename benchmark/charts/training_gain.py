@@ -27,9 +27,16 @@ def training_record(judge_file):
     return json.loads(header["__metadata__"]["training"])
 
 
+FILLS = ("background", "pushpull", "telea", "ns")
+
+
 def gain_db(rows):
-    fills = {name: sum(r["fill_errors"][name] for r in rows) for name in rows[0]["fill_errors"]}
-    return 10 * math.log10(min(fills.values()) / sum(r["network_error"] for r in rows))
+    """Over the best fill of all rows, which hold the fills and one model."""
+    errors = {}
+    for row in rows:
+        way = row["way"] if row["way"] in FILLS else "network"
+        errors[way] = errors.get(way, 0) + row["error"]
+    return 10 * math.log10(min(errors[fill] for fill in FILLS) / errors["network"])
 
 
 def main():
