@@ -99,6 +99,15 @@ inline ShiftedCamera moved_camera(const Shot& own, const dvec3& by_m) {
     return v;
 }
 
+/// The wall's pixels beside the card's upright edges as a camera mixes them there, whatever lies on either side.
+inline void mix_beside_card(Shot& shot) {
+    for (int y = 1; y + 1 < shot.color.height; ++y)
+        for (int x = 1; x + 1 < shot.color.width; ++x)
+            if (shot.primitive.at(x, y) == wall &&
+                (shot.primitive.at(x - 1, y) == card || shot.primitive.at(x + 1, y) == card))
+                shot.color.at(x, y) = glm::vec3(0.5f);
+}
+
 inline Mask holes_of(const Reprojection& r) {
     Mask m(r.sight.width, r.sight.height, 0);
     for (size_t i = 0; i < m.size(); ++i) m.data[i] = !is_seen(r.sight.data[i]);

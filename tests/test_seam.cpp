@@ -59,11 +59,7 @@ TEST_CASE("a mixed sample gives way to a clean one, and stands where there is no
     const View own = camera_at({0, 0, 0}), left = camera_at({0, 1.5, 0});
     const Paint plain = [](int which, const dvec3&) { return which == card ? glm::vec3(1) : glm::vec3(0.25f); };
     Shot mixed = shoot(world, own, plain);
-    for (int y = 1; y + 1 < 240; ++y)
-        for (int x = 1; x + 1 < 320; ++x)
-            if (mixed.primitive.at(x, y) == wall &&
-                (mixed.primitive.at(x - 1, y) == card || mixed.primitive.at(x + 1, y) == card))
-                mixed.color.at(x, y) = glm::vec3(0.5f);
+    mix_beside_card(mixed);
     const ShiftedCamera v = moved_camera(mixed, {0, 0.3, 0});
     const Rig alone({mixed}, v.world_from_cam.translation_m);
     const Rig both({mixed, shoot(world, left, plain)}, v.world_from_cam.translation_m);

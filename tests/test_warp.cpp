@@ -126,11 +126,7 @@ TEST_CASE("a mixed picture: only pixels whose own sample is mixed show the card'
     const Paint plain = [](int which, const dvec3&) { return which == card ? glm::vec3(1) : glm::vec3(0); };
     Shot shot = shoot(world, own, plain);
     const ColorImage sharp = shot.color;
-    for (int y = 1; y + 1 < 240; ++y)
-        for (int x = 1; x + 1 < 320; ++x)
-            if (shot.primitive.at(x, y) == wall &&
-                (shot.primitive.at(x - 1, y) == card || shot.primitive.at(x + 1, y) == card))
-                shot.color.at(x, y) = glm::vec3(0.5f);
+    mix_beside_card(shot);
     const ShiftedCamera v = moved_camera(shot, {0, 0.3, 0});
     const Rig rig({shot}, v.world_from_cam.translation_m);
     Reprojection shown;

@@ -210,56 +210,54 @@ void train(const Options& o, const std::vector<uint32_t>& seeds, const std::vect
                 drawn_s, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() - drawn_s, stem.c_str());
 }
 
-void judge_depth(const Options& o, const std::vector<uint32_t>& seeds) {
-    inpaint::DepthJudgeOptions judge;
-    judge.model_file = o.output;
-    judge.seeds = seeds;
-    judge.width = o.width;
+/// Judges under a progress bar; the result lies beside the model, and its table is printed.
+template <class Judge, class Table>
+void judge(const Options& o, const char* what, const Judge& judged, const Table& table) {
     Progress progress("judge");
-    const ordered_json result = inpaint::judge_depth(judge, [&](size_t done, size_t total) {
+    const ordered_json result = judged([&](size_t done, size_t total) {
         stop_if_interrupted();
-        progress.show(done, total, "views");
+        progress.show(done, total, what);
     });
     progress.finish();
     write_whole_file(fs::path(o.output).replace_extension(".judge.json"), result.dump(1) + "\n");
-    std::fputs(inpaint::depth_table(result).c_str(), stdout);
+    std::fputs(table(result).c_str(), stdout);
 }
 
 void run(const Options& o) {
     const auto seeds = street_seeds(o.streets, "--streets");
     arm_of(o.arm);
-    inpaint::JudgeOptions judge;
-    if (!o.judge.empty()) judge.seeds = street_seeds(o.judge, "--judge");
-    for (const uint32_t s : judge.seeds)
+    std::vector<uint32_t> others;
+    if (!o.judge.empty()) others = street_seeds(o.judge, "--judge");
+    for (const uint32_t s : others)
         if (std::find(seeds.begin(), seeds.end(), s) != seeds.end() && !o.judge_only)
             throw Error(ExitCode::bad_input, "usage: --judge: got street " + std::to_string(s) + ", which is trained on, expected others");
     if ((o.kind == "latent_dit") != !o.autoencoder.empty() && !o.judge_only)
         throw Error(ExitCode::bad_input, "usage: --autoencoder: got " + std::string(o.autoencoder.empty() ? "none" : o.autoencoder) +
                                              " for " + o.kind + ", expected one for latent_dit alone");
-    if (o.kind == "autoencoder" && judge.seeds.empty())
+    if (o.kind == "autoencoder" && others.empty())
         throw Error(ExitCode::bad_input, "usage: --judge: got none, expected streets to measure the autoencoder on");
     const int threads = o.threads > 0 ? o.threads : int(std::max(1u, std::thread::hardware_concurrency()));
     inpaint::check(inpaint::network_library().set_threads(threads));
     if (const std::string warning = inpaint::slow_blas_warning(threads); !warning.empty())
         std::fprintf(stderr, "vshift: warning: %s\n", warning.c_str());
-    if (!o.judge_only) train(o, seeds, judge.seeds);
-    if (judge.seeds.empty() || o.kind == "autoencoder") return;
+    if (!o.judge_only) train(o, seeds, others);
+    if (others.empty() || o.kind == "autoencoder") return;
     if (o.kind == depth_kind) {
-        judge_depth(o, judge.seeds);
-        return;
+        inpaint::DepthJudgeOptions options;
+        options.model_file = o.output;
+        options.seeds = others;
+        options.width = o.width;
+        judge(o, "views", [&](const auto& show) { return inpaint::judge_depth(options, show); }, inpaint::depth_table);
+    } else {
+        inpaint::JudgeOptions options;
+        options.seeds = others;
+        options.model_files = {o.output};
+        options.model_files.insert(options.model_files.end(), o.judge_also.begin(), o.judge_also.end());
+        options.width = o.width;
+        options.steps = o.euler_steps;
+        judge(o, "true shifted views", [&](const auto& show) { return inpaint::judge_streets(options, show); },
+              inpaint::judge_table);
     }
-    judge.model_files = {o.output};
-    judge.model_files.insert(judge.model_files.end(), o.judge_also.begin(), o.judge_also.end());
-    judge.width = o.width;
-    judge.steps = o.euler_steps;
-    Progress progress("judge");
-    const ordered_json result = inpaint::judge_streets(judge, [&](size_t done, size_t total) {
-        stop_if_interrupted();
-        progress.show(done, total, "true shifted views");
-    });
-    progress.finish();
-    write_whole_file(fs::path(o.output).replace_extension(".judge.json"), result.dump(1) + "\n");
-    std::fputs(inpaint::judge_table(result).c_str(), stdout);
 }
 
 }  // namespace
