@@ -39,12 +39,18 @@ public:
         while (i > 0 && ranges_[i - 1].high >= key) --i;
         return i;
     }
-    /// The same for a higher key, from the number of a lower one on.
-    size_t next_from(size_t i, int32_t key) const {
-        while (i < ranges_.size() && ranges_[i].high < key) ++i;
-        return i;
-    }
     bool holds(size_t i, int32_t key) const { return i < ranges_.size() && ranges_[i].low <= key; }
+    /// The gap, or the way between two, that `key` lies in, and the first key after it. `i` is moved on from the number
+    /// of a lower key's gap.
+    struct Stretch {
+        bool gap;
+        int32_t end;
+    };
+    Stretch stretch(size_t& i, int32_t key) const {
+        while (i < ranges_.size() && ranges_[i].high < key) ++i;
+        if (i == ranges_.size()) return {false, std::numeric_limits<int32_t>::max()};
+        return ranges_[i].low <= key ? Stretch{true, ranges_[i].high + 1} : Stretch{false, ranges_[i].low};
+    }
     /// A range above all others.
     void push(int32_t low, int32_t high) { ranges_.push_back({low, high}); }
     /// Takes away what [low, high] covers.
@@ -75,18 +81,31 @@ private:
 
 /// The buffers of one line, with room for vectors that overhang.
 struct Line {
+    static constexpr size_t word = 4;  ///< elements of `rising_room` before the first, read but never set
     std::vector<float> q_room;
     std::vector<int32_t> key;
-    std::vector<uint16_t> torn, rising;
+    std::vector<uint16_t> torn, rising_room;
     std::vector<uint8_t> classes;
 
     explicit Line(size_t longest)
         : q_room(longest + 2 * padding, std::numeric_limits<float>::quiet_NaN()),
           key(longest + 2 * padding),
           torn(longest / block + 2),
-          rising(longest / block + 2),
+          rising_room(longest / block + 2 + word),
           classes(longest + 2 * padding) {}
     float* q() { return q_room.data() + padding; }
+    uint16_t* rising() { return rising_room.data() + word; }
+
+    /// How many samples before `end` rise without a tear, from it on: those of a word at most, and then `more`.
+    size_t rising_before(size_t end, bool& more) const {
+        uint64_t bits;
+        std::memcpy(&bits, reinterpret_cast<const uint8_t*>(rising_room.data() + word) + ptrdiff_t((end - 1) / 8) - 7,
+                    8);
+        const size_t beyond = 7 - (end - 1) % 8;
+        const size_t run = size_t(std::countl_zero(~(bits << beyond)));
+        more = run == 64 - beyond;
+        return run;
+    }
 };
 
 inline void copy_reversed(const uint8_t* from, size_t n, uint8_t* to) {
@@ -130,7 +149,7 @@ public:
     LineSweep(const LineRule& rule, const Rays& rays, Line& line, size_t n, Horizon& horizon)
         : rule_(rule), rays_(rays), line_(line), q_(line.q()), n_(n), highest_(horizon.highest), gaps_(horizon.gaps) {
         std::fill_n(q_ + n, padding, std::numeric_limits<float>::quiet_NaN());
-        kernels().keys(rule, q_, n, line.key.data(), line.torn.data(), line.rising.data());
+        kernels().keys(rule, q_, n, line.key.data(), line.torn.data(), line.rising());
     }
 
     /// Samples end - 1 down to begin; the horizon is that before sample end - 1.
@@ -142,13 +161,8 @@ public:
             if (highest_ == key[end]) {
                 // V sees the surface that reaches sample `end`: as long as it goes on rising, V sees it.
                 const size_t from = end;
-                for (;;) {
-                    const size_t b = (end - 1) / block, in_block = (end - 1) % block;
-                    const uint32_t down = ~(uint32_t(line_.rising[b]) << (31 - in_block));
-                    const size_t run = size_t(std::countl_zero(down));  // the rest of the block at most
-                    end -= std::min(run, end - begin);
-                    if (run <= in_block || end == begin) break;
-                }
+                for (bool more = true; more && end > begin;)
+                    end -= std::min(line_.rising_before(end, more), end - begin);
                 if (end < from) {
                     highest_ = key[end];
                     continue;
@@ -212,11 +226,15 @@ private:
             gaps_.cover(key[end], start);
             return;
         }
+        size_t stop = end;  // of what rises
+        for (bool more = true; more && stop > begin;) stop -= std::min(line_.rising_before(stop, more), stop - begin);
         size_t gap = gaps_.lowest_from(key[end - 1]);
-        while (goes_on() && key[end - 1] > key[end]) {
-            --end;
-            gap = gaps_.next_from(gap, key[end]);
-            out[end] = gaps_.holds(gap, key[end]) ? unknown_bit : occluded_bit;
+        while (end > stop && key[end - 1] < highest_) {
+            // Keys up to the next gap's end, or within a gap.
+            const Gaps::Stretch stretch = gaps_.stretch(gap, key[end - 1]);
+            const int32_t below = std::min(stretch.end, highest_);
+            const uint8_t answer = stretch.gap ? unknown_bit : occluded_bit;
+            while (end > stop && key[end - 1] < below) out[--end] = answer;
         }
         gaps_.cover(start, key[end]);
     }
