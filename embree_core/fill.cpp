@@ -9,7 +9,7 @@
 #include <limits>
 
 #include "embree_core/pictures.h"
-#include "embree_core/recipe.h"
+#include "embree_core/words.h"
 
 namespace vshift {
 namespace {

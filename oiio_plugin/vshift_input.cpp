@@ -16,6 +16,7 @@
 #include <sstream>
 
 #include "embree_core/printable.h"
+#include "embree_core/words.h"
 #include "oiio_plugin/answer_cache.h"
 
 namespace vshift::oiio {

@@ -6,10 +6,10 @@
 #include "embree_core/cli/progress.h"
 #include "embree_core/cli/verbs.h"
 #include "embree_core/printable.h"
-#include "embree_core/recipe.h"
 #include "embree_core/trace.h"
 #include "embree_core/types.h"
 #include "embree_core/version.h"
+#include "embree_core/words.h"
 
 namespace vshift::cli {
 namespace {

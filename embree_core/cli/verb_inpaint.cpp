@@ -15,6 +15,7 @@
 #include "embree_core/cli/run_program.h"
 #include "embree_core/cli/verbs.h"
 #include "embree_core/fill.h"
+#include "embree_core/words.h"
 #include "inpaint/network_fill.h"
 
 namespace vshift::cli {

@@ -11,7 +11,7 @@
 #include "embree_core/cli/run_program.h"
 #include "embree_core/cli/verbs.h"
 #include "embree_core/image_file.h"
-#include "embree_core/recipe.h"
+#include "embree_core/words.h"
 #include "inpaint/depth_judge.h"
 #include "inpaint/depth_pairs.h"
 #include "inpaint/judge_streets.h"

@@ -11,7 +11,7 @@
 
 #include "embree_core/fill.h"
 #include "embree_core/holes.h"
-#include "embree_core/recipe.h"
+#include "embree_core/words.h"
 #include "embree_core/score.h"
 #include "embree_core/warp.h"
 #include "scenes/analytic/street_mesh.h"
