@@ -211,6 +211,7 @@ LiftedMesh lift(const Intrinsics& intrinsics, const DepthMap& depth, const LiftO
     const double px_per_inverse_depth = std::max(intrinsics.fx, intrinsics.fy) * options.baseline_m;
     const float bound =
         options.tolerance_px > 0 ? float(std::min(options.tolerance_px / px_per_inverse_depth, 1e30)) : 0;
+    mesh.bound = bound;
     const CellPlan plan = plan_cells({mesh.inverse_depth, mesh.tears}, bound);
     build_mesh(mesh, plan);
     snap_pixels(mesh, plan);

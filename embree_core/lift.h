@@ -22,6 +22,7 @@
 
 #include "embree_core/camera.h"
 #include "embree_core/depth_source.h"
+#include "embree_core/ray_filter.h"
 #include "embree_core/types.h"
 
 namespace vshift {
@@ -56,6 +57,9 @@ struct LiftedMesh {
     Grid<uint8_t> tears;        ///< bit 0: torn from the right neighbour, bit 1: from the lower
     uint64_t invalid_px = 0;    ///< NaN, 0, negative
     uint64_t sky_px = 0;
+    float bound = 0;            ///< 1/z of the mesh may be off by this for the sake of fewer triangles
+
+    RayFilter::Surface surface() const { return {intrinsics, inverse_depth, tears, wall_top, 2 * bound, error}; }
 };
 
 /// Throws Error bad_input unless `depth` has the intrinsics' size.

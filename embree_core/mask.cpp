@@ -18,7 +18,7 @@ constexpr double ray_offset = 1e-4;
 // A ray that meets a vertex to the bit can slip between its triangles, even in a robust scene, and a
 // shift along the rows would send every ray from vertex to vertex. So V's centre is missed by this much
 // in pixels of the recorded pixel, along both image axes.
-constexpr glm::dvec2 miss_px{0.001, 0.0017};
+constexpr glm::dvec2 miss_px{0.001, largest_miss_px};
 // How far the sampling of one camera may misplace a surface that another one sees, in its pixels.
 constexpr double footprint_px = 2.0;
 // The sky is looked at as far as this.
@@ -172,7 +172,7 @@ RecordedMasks mask(const LiftedRig& rig, const ShiftedCamera& shifted, double cl
     const glm::dvec3 centre_own = inverse(own.world_from_cam).point(centre_world);
     const bool still = glm::length(centre_own) < 1e-9;  // V sees what R saw
     std::optional<RayFilter> filter;
-    if (casting == Casting::where_needed && !still) filter.emplace(own.mesh, centre_own);
+    if (casting == Casting::where_needed && !still) filter.emplace(own.mesh.surface(), centre_own);
 
     RecordedMasks out;
     for (Mask* m : {&out.lost, &out.occluded, &out.outside, &out.unknown, &out.unseen}) *m = Mask(k.width, k.height, 0);
@@ -212,7 +212,7 @@ RecordedMasks mask(const LiftedRig& rig, const ShiftedCamera& shifted, double cl
         // The line starts at the mesh's own vertex to the bit.
         const ViewedLine line(own, stretch.origin, stretch.direction);
         Finding finding;
-        if (!still && !(filter && filter->sees(x, y))) {
+        if (!still && !(filter && !filter->asks(x, y))) {
             finding.answer = ask_own(line, stretch, whole);
             if (!sky && faces_away(own.mesh, x, y, p, centre_own)) finding.answer = Answer::occluded;
         }
