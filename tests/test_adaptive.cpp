@@ -93,9 +93,9 @@ double under(const LiftedView& view, glm::dvec2 u) {
     return hit ? 1 / double(hit.t) : std::numeric_limits<double>::quiet_NaN();
 }
 
-template <class T>
-bool same_bytes(const std::vector<T>& a, const std::vector<T>& b) {
-    return a.size() == b.size() && (a.empty() || std::memcmp(a.data(), b.data(), a.size() * sizeof(T)) == 0);
+template <class Vector>
+bool same_bytes(const Vector& a, const Vector& b) {
+    return a.size() == b.size() && (a.empty() || std::memcmp(a.data(), b.data(), a.size() * sizeof(a[0])) == 0);
 }
 
 }  // namespace
