@@ -25,43 +25,23 @@ bool torn_between(float before, float a, float b, float after, double px_per_inv
     return smallest >= float(share) * step + 4 * rules.error.at(std::max(a, b));
 }
 
-/// 1/z and the vertices at pixel centres; returns the nearest depth.
-float read_pixels(LiftedMesh& mesh, const DepthMap& depth) {
-    const int width = depth.width, height = depth.height;
-    mesh.inverse_depth = Grid<float>(width, height);
-    mesh.vertices.resize(depth.size());
-    struct Row {
-        uint64_t invalid = 0, sky = 0;
-        float nearest_m = 1e12f;
-    };
-    std::vector<Row> rows(static_cast<size_t>(height));
-    std::vector<double> ray_x(static_cast<size_t>(width));
-    for (int x = 0; x < width; ++x) ray_x[size_t(x)] = ray(mesh.intrinsics, {x + 0.5, 0.5}).x;
-    tbb::parallel_for(0, height, [&](int y) {
-        Row row;
-        const double ray_y = ray(mesh.intrinsics, {0.5, y + 0.5}).y;
-        for (int x = 0; x < width; ++x) {
-            const size_t at = size_t(y) * size_t(width) + size_t(x);
-            const float z = depth.data[at];
-            const bool sky = is_sky(z), valid = is_measured(z);
-            row.sky += sky;
-            row.invalid += !sky && !valid;
-            mesh.inverse_depth.data[at] = sky ? 0.0f : valid ? 1.0f / z : std::numeric_limits<float>::quiet_NaN();
-            if (!valid) continue;  // its vertex is never referenced
-            row.nearest_m = std::min(row.nearest_m, z);
-            mesh.vertices[at] = {float(ray_x[size_t(x)] * double(z)), float(ray_y * double(z)), z, 0};
-        }
-        rows[size_t(y)] = row;
+/// 1/z at pixel centres; returns the nearest depth.
+float read_pixels(LiftedMesh& mesh) {
+    const DepthMap& depth = mesh.depth;
+    mesh.inverse_depth = Grid<float>(depth.width, depth.height);
+    std::vector<lifting::RowCounts> rows(static_cast<size_t>(depth.height));
+    tbb::parallel_for(0, depth.height, [&](int y) {
+        const size_t first = size_t(y) * size_t(depth.width);
+        rows[size_t(y)] =
+            lifting::kernels().inverse(&depth.data[first], size_t(depth.width), &mesh.inverse_depth.data[first]);
     });
-    Row all;
-    for (const Row& row : rows) {
-        all.invalid += row.invalid;
-        all.sky += row.sky;
-        all.nearest_m = std::min(all.nearest_m, row.nearest_m);
+    float nearest_m = 1e12f;
+    for (const lifting::RowCounts& row : rows) {
+        mesh.invalid_px += row.invalid;
+        mesh.sky_px += row.sky;
+        nearest_m = std::min(nearest_m, row.nearest_m);
     }
-    mesh.invalid_px = all.invalid;
-    mesh.sky_px = all.sky;
-    return all.nearest_m;
+    return nearest_m;
 }
 
 /// Pixels that are no vertices of the collapsed mesh any more move onto it.
@@ -76,6 +56,9 @@ void snap_pixels(LiftedMesh& mesh, const CellPlan& plan) {
             if (y >= plan.collapsed[size_t(level) - 1].height) break;
             for (int x = 0; x < plan.collapsed[size_t(level) - 1].width; ++x) {
                 if (!plan.is_collapsed(level, x, y)) continue;
+                const int n = 1 << level;
+                // Asked pixels start on the mesh, and look at the surface beside them.
+                if (plan.filter && !plan.filter->asks_any(x * n - 1, y * n - 1, x * n + n, y * n + n)) continue;
                 if (level < int(plan.collapsed.size()) && plan.is_collapsed(level + 1, x >> 1, y >> 1)) continue;
                 snap_block(mesh.inverse_depth, plan, level, x, y, [&](int px, int py) {
                     const size_t at = size_t(py) * size_t(k.width) + size_t(px);
@@ -205,13 +188,17 @@ LiftedMesh lift(const Intrinsics& intrinsics, const DepthMap& depth, const LiftO
     LiftedMesh mesh;
     mesh.error = options.rules.error;
     mesh.intrinsics = intrinsics;
-    const float nearest_m = read_pixels(mesh, depth);
+    mesh.depth = depth;
+    const float nearest_m = read_pixels(mesh);
     find_tears(intrinsics, mesh.inverse_depth, options, mesh.tears);
     mesh.wall_top = wall_top_of_nearest / nearest_m;
     const double px_per_inverse_depth = std::max(intrinsics.fx, intrinsics.fy) * options.baseline_m;
     const float bound =
         options.tolerance_px > 0 ? float(std::min(options.tolerance_px / px_per_inverse_depth, 1e30)) : 0;
-    const CellPlan plan = plan_cells({mesh.inverse_depth, mesh.tears}, bound);
+    mesh.bound = bound;
+    if (options.only_for_m && mesh.error.none())
+        mesh.filter = std::make_shared<const RayFilter>(mesh.surface(), *options.only_for_m);
+    const CellPlan plan = plan_cells({mesh.inverse_depth, mesh.tears}, bound, mesh.filter.get());
     build_mesh(mesh, plan);
     snap_pixels(mesh, plan);
     return mesh;

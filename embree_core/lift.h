@@ -18,10 +18,13 @@
 #pragma once
 #include <array>
 #include <cstdint>
+#include <memory>
+#include <optional>
 #include <vector>
 
 #include "embree_core/camera.h"
 #include "embree_core/depth_source.h"
+#include "embree_core/ray_filter.h"
 #include "embree_core/types.h"
 
 namespace vshift {
@@ -34,6 +37,26 @@ struct LiftOptions {
     /// How far a point of the surface may move, in pixels of disparity at `baseline_m`, for the sake of
     /// fewer triangles. 0: every pixel is a vertex.
     double tolerance_px = 0;
+    /// Only what a mask asked from there needs, in the camera's frame: the triangles and walls that its rays can meet, and
+    /// the vertices of those and of the pixels that ask. Only where depth is exact (rules.error).
+    std::optional<glm::dvec3> only_for_m{};
+};
+
+/// Leaves what `resize` adds as it is: memory that nobody writes costs nothing.
+template <class T>
+struct Uninitialized : std::allocator<T> {
+    template <class U>
+    struct rebind {
+        using other = Uninitialized<U>;
+    };
+    template <class U>
+    void construct(U* at) noexcept {
+        ::new (static_cast<void*>(at)) U;
+    }
+    template <class U, class... Arguments>
+    void construct(U* at, Arguments&&... arguments) {
+        ::new (static_cast<void*>(at)) U(std::forward<Arguments>(arguments)...);
+    }
 };
 
 struct LiftedVertex {
@@ -45,9 +68,10 @@ using LiftedQuad = std::array<uint32_t, 4>;
 /// The mesh of one depth map, in the camera's own frame.
 struct LiftedMesh {
     Intrinsics intrinsics;
-    std::vector<LiftedVertex> vertices;       ///< the first width*height are the pixel centres, row-major
+    /// The first width*height are the pixel centres, row-major.
+    std::vector<LiftedVertex, Uninitialized<LiftedVertex>> vertices;
     std::vector<LiftedQuad> kept;             ///< lie on one observed surface
-    std::vector<LiftedVertex> wall_vertices;  ///< (x/z, y/z, 1/z)
+    std::vector<LiftedVertex, Uninitialized<LiftedVertex>> wall_vertices;  ///< (x/z, y/z, 1/z)
     std::vector<LiftedQuad> torn;             ///< walls across a discontinuity, over wall_vertices
     uint64_t kept_triangles = 0;
     float wall_top = 0;         ///< largest 1/z of a wall
@@ -56,6 +80,13 @@ struct LiftedMesh {
     Grid<uint8_t> tears;        ///< bit 0: torn from the right neighbour, bit 1: from the lower
     uint64_t invalid_px = 0;    ///< NaN, 0, negative
     uint64_t sky_px = 0;
+    DepthMap depth;             ///< as recorded
+    float bound = 0;            ///< 1/z of the mesh may be off by this for the sake of fewer triangles
+
+    /// Set where the mesh is made for one mask alone.
+    std::shared_ptr<const RayFilter> filter;
+
+    RayFilter::Surface surface() const { return {intrinsics, inverse_depth, tears, wall_top, 2 * bound, error}; }
 };
 
 /// Throws Error bad_input unless `depth` has the intrinsics' size.

@@ -117,7 +117,59 @@ BoxBounds bounds(const float* w, const uint8_t* tears, size_t stride, size_t col
     return out;
 }
 
-const Kernels table = {&inverse, &tears, &bounds};
+void whole(const float* w, const float* below, const uint8_t* tears, const uint8_t* tears_below, size_t n,
+           uint8_t* kinds) {
+    const F f;
+    const I d;
+    const U8 bytes;
+    const size_t lanes = hn::Lanes(f);
+    const V zero = hn::Zero(f);
+    const auto one = [&](size_t i) {
+        const bool joined = w[i] > 0 && w[i + 1] > 0 && below[i] > 0 && below[i + 1] > 0 && !(tears[i] & 3) &&
+                            !(tears[i + 1] & 2) && !(tears_below[i] & 1);
+        kinds[i] = joined ? 2 : 0;
+    };
+    if (n < lanes) {
+        for (size_t i = 0; i < n; ++i) one(i);
+        return;
+    }
+    for (size_t at = 0; at < n; at += lanes) {
+        const size_t i = at + lanes <= n ? at : n - lanes;
+        const auto positive = [&](const float* row) { return hn::Gt(hn::LoadU(f, row), zero); };
+        const M solid = hn::And(hn::And(positive(w + i), positive(w + i + 1)),
+                                hn::And(positive(below + i), positive(below + i + 1)));
+        const auto bits = [&](const uint8_t* row, int32_t of) {
+            return hn::And(hn::PromoteTo(d, hn::LoadU(bytes, row)), hn::Set(d, of));
+        };
+        const auto torn = hn::Or(bits(tears + i, 3), hn::Or(bits(tears + i + 1, 2), bits(tears_below + i, 1)));
+        const auto joined = hn::And(hn::RebindMask(d, solid), hn::Eq(torn, hn::Zero(d)));
+        hn::StoreU(hn::DemoteTo(bytes, hn::IfThenElseZero(joined, hn::Set(d, 2))), bytes, kinds + i);
+    }
+}
+
+void points(const float* z, const double* ray_x, double ray_y, size_t n, float* out) {
+    const hn::CappedTag<double, 8> wide;
+    const hn::Rebind<float, decltype(wide)> f;
+    const size_t lanes = hn::Lanes(wide);
+    const auto y = hn::Set(wide, ray_y);
+    const auto zero = hn::Zero(f);
+    size_t i = 0;
+    for (; i + lanes <= n; i += lanes) {
+        const auto zi = hn::LoadU(f, z + i);
+        const auto measured = hn::And(hn::Gt(zi, hn::Set(f, nearest_m)), hn::Le(zi, hn::Set(f, sky_m)));
+        const auto depth = hn::IfThenElseZero(measured, zi);
+        const auto deep = hn::PromoteTo(wide, depth);
+        hn::StoreInterleaved4(hn::DemoteTo(f, hn::Mul(hn::LoadU(wide, ray_x + i), deep)),
+                              hn::DemoteTo(f, hn::Mul(y, deep)), depth, zero, f, out + 4 * i);
+    }
+    for (; i < n; ++i) {
+        const float depth = z[i] > nearest_m && z[i] <= sky_m ? z[i] : 0;
+        out[4 * i] = float(ray_x[i] * double(depth)), out[4 * i + 1] = float(ray_y * double(depth));
+        out[4 * i + 2] = depth, out[4 * i + 3] = 0;
+    }
+}
+
+const Kernels table = {&inverse, &tears, &whole, &points, &bounds};
 const Kernels* get() {
     return &table;
 }

@@ -34,6 +34,12 @@ struct Kernels {
     /// w[n + 1] are read, and n values of the rows before and after. Returns how many pixels it did, from the first on.
     size_t (*tears)(const float* above, const float* w, const float* below, const float* below2, size_t n,
                     const TearRule& across, const TearRule& down, uint8_t* tears);
+    /// Whether all corners of the n cells between two rows are joined: 2 where they are, else 0. n + 1 values of each
+    /// row are read.
+    void (*whole)(const float* w, const float* below, const uint8_t* tears, const uint8_t* tears_below, size_t n,
+                  uint8_t* kinds);
+    /// Points at z on rays (ray_x, ray_y, 1): x, y, z, 0, the origin where there is no measurement.
+    void (*points)(const float* z, const double* ray_x, double ray_y, size_t n, float* xyz0);
     /// Rows are `stride` apart.
     BoxBounds (*bounds)(const float* w, const uint8_t* tears, size_t stride, size_t columns, size_t rows);
 };

@@ -4,10 +4,12 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <optional>
 
 #include "embree_core/ray_filter.h"
+#include "embree_core/sweep.h"
 
 namespace vshift {
 namespace {
@@ -18,7 +20,7 @@ constexpr double ray_offset = 1e-4;
 // A ray that meets a vertex to the bit can slip between its triangles, even in a robust scene, and a
 // shift along the rows would send every ray from vertex to vertex. So V's centre is missed by this much
 // in pixels of the recorded pixel, along both image axes.
-constexpr glm::dvec2 miss_px{0.001, 0.0017};
+constexpr glm::dvec2 miss_px{0.001, largest_miss_px};
 // How far the sampling of one camera may misplace a surface that another one sees, in its pixels.
 constexpr double footprint_px = 2.0;
 // The sky is looked at as far as this.
@@ -28,7 +30,6 @@ constexpr double sky_reach_m = 1e6;
 struct Stretch {
     glm::dvec3 origin, direction;
     double begin, end;
-    glm::dvec3 shifted_end;  ///< where it stops before V, or starts behind it (own camera's frame)
 };
 
 struct Interval {
@@ -116,13 +117,6 @@ struct Finding {
     bool unseen = false;
 };
 
-/// What one camera alone can say about its own pixel's segment: any wall it passes hides something.
-Answer ask_own(const ViewedLine& line, const Stretch& stretch, const Interval& whole) {
-    if (line.meets_surface(whole)) return Answer::occluded;
-    const bool passed = line.view->torn.passed(line.origin, line.direction, stretch.begin, stretch.end);
-    return passed ? Answer::unknown : Answer::visible;
-}
-
 /// What the whole rig can say where the own camera alone is not certain (method.md: carving).
 /// `slack` is a camera's misplacement of surfaces in units of t.
 Finding ask_rig(const LiftedRig& rig, const ViewedLine& own, const Stretch& stretch, double slack) {
@@ -161,80 +155,139 @@ Finding ask_rig(const LiftedRig& rig, const ViewedLine& own, const Stretch& stre
     return finding;
 }
 
+/// A pixel's point and the way from there to V. Lines start at the mesh's own vertices to the bit.
+struct Question {
+    glm::dvec3 p;
+    bool sky;
+    Stretch stretch;  ///< in the own camera's frame: finite points look towards V, the sky is looked at from V
+    Interval whole;
+    double slack;  ///< misplacement of a surface by its sampling, in units of t
+};
+
+class OwnView {
+public:
+    OwnView(const LiftedView& view, const glm::dvec3& centre, double clear_m)
+        : view_(view), mesh_(view.mesh), centre_(centre), clear_m_(clear_m) {}
+
+    bool measured(int x, int y) const { return !std::isnan(mesh_.inverse_depth.at(x, y)); }
+
+    Question question(int x, int y) const {
+        const Intrinsics& k = mesh_.intrinsics;
+        const float w = mesh_.inverse_depth.at(x, y);
+        Question q;
+        q.sky = w == 0;
+        if (q.sky) {
+            q.p = ray(k, {x + 0.5, y + 0.5});
+            const glm::dvec3 d = glm::normalize(q.p + glm::dvec3(miss_px.x / k.fx, miss_px.y / k.fy, 0));
+            q.stretch = {centre_, d, clear_m_, sky_reach_m};
+            q.whole = {0, sky_reach_m};
+            q.slack = 1e-3;
+            return q;
+        }
+        const LiftedVertex& vertex = mesh_.vertices[size_t(y) * size_t(k.width) + size_t(x)];
+        q.p = {vertex.x, vertex.y, vertex.z};
+        if (!mesh_.error.none()) q.p *= double(w / (w + 2 * mesh_.error.at(w)));  // see DepthRules
+        const glm::dvec3 aim = centre_ + glm::dvec3(miss_px.x / k.fx, miss_px.y / k.fy, 0) * q.p.z;
+        const double distance = glm::length(aim - q.p);
+        const double end = distance > 0 ? std::min(1 - clear_m_ / distance, 1 - ray_offset) : 0;
+        q.stretch = {q.p, aim - q.p, ray_offset, end};
+        q.whole = {ray_offset, 1 - ray_offset};
+        q.slack = distance > 0 ? std::max(ray_offset, footprint_px * q.p.z / k.fx / distance) : 1;
+        return q;
+    }
+
+    /// Adds to `classes` what this camera alone can say about its pixels x0 to x1: any wall that a segment passes hides
+    /// something.
+    void ask(int x0, int x1, int y, uint8_t* classes) const {
+        std::array<Question, RayPacket::size> questions;
+        RayPacket packet;
+        uint32_t asked = 0;
+        for (int x = x0; x < x1; ++x) {
+            if (!measured(x, y)) continue;
+            const int i = x - x0;
+            const Question& q = questions[size_t(i)] = question(x, y);
+            packet.set(i, glm::vec3(q.stretch.origin), glm::vec3(q.stretch.direction), float(q.whole.begin),
+                       float(q.whole.end));
+            asked |= 1u << i;
+        }
+        uint32_t occluded = view_.kept.occluded(packet, asked), walled = 0;
+        for (int x = x0; x < x1; ++x) {
+            const int i = x - x0;
+            if (!((asked & ~occluded) >> i & 1)) continue;
+            const Question& q = questions[size_t(i)];
+            if (!q.sky && faces_away(mesh_, x, y, q.p, centre_))
+                occluded |= 1u << i;
+            else if (view_.torn.add(q.stretch.origin, q.stretch.direction, q.stretch.begin, q.stretch.end, i, packet))
+                walled |= 1u << i;
+        }
+        walled = view_.torn.passed(packet, walled);
+        for (int x = x0; x < x1; ++x)
+            classes[x] |=
+                uint8_t((occluded >> (x - x0) & 1 ? occluded_bit : 0) | (walled >> (x - x0) & 1 ? unknown_bit : 0));
+    }
+
+private:
+    const LiftedView& view_;
+    const LiftedMesh& mesh_;
+    const glm::dvec3 centre_;
+    const double clear_m_;
+};
+
 }  // namespace
 
 RecordedMasks mask(const LiftedRig& rig, const ShiftedCamera& shifted, double clear_m, Casting casting) {
     const LiftedView& own = rig.views.at(size_t(rig.own));
     const Intrinsics& k = own.mesh.intrinsics;
-    const Pose shifted_from_world = inverse(shifted.world_from_cam);
-    const Pose shifted_from_own = compose(shifted_from_world, own.world_from_cam);
-    const glm::dvec3 centre_world = shifted.world_from_cam.translation_m;
-    const glm::dvec3 centre_own = inverse(own.world_from_cam).point(centre_world);
-    const bool still = glm::length(centre_own) < 1e-9;  // V sees what R saw
-    std::optional<RayFilter> filter;
-    if (casting == Casting::where_needed && !still) filter.emplace(own.mesh, centre_own);
+    const Pose own_from_shifted = compose(inverse(own.world_from_cam), shifted.world_from_cam);
+    const glm::dvec3 centre = own_from_shifted.translation_m;
+    const bool still = glm::length(centre) < 1e-9;  // V sees what R saw
+    std::shared_ptr<const RayFilter> filter = own.mesh.filter;
+    if (filter && (casting == Casting::everywhere || rig.views.size() > 1 ||
+                   glm::length(filter->centre_m() - centre) > 1e-9 * glm::length(centre)))
+        throw Error(ExitCode::our_bug, "mask: got a mesh that was made for one mask alone, expected a whole one");
+    if (!filter && casting == Casting::where_needed && !still)
+        filter = std::make_shared<const RayFilter>(own.mesh.surface(), centre);
 
-    RecordedMasks out;
-    for (Mask* m : {&out.lost, &out.occluded, &out.outside, &out.unknown, &out.unseen}) *m = Mask(k.width, k.height, 0);
-
-    const auto pixel = [&](int x, int y) {
-        const float w = own.mesh.inverse_depth.at(x, y);
-        if (std::isnan(w)) {
-            out.unknown.at(x, y) = 1;
-            return;
-        }
-        const bool sky = w == 0;
-        const LiftedVertex& vertex = own.mesh.vertices[size_t(y) * size_t(k.width) + size_t(x)];
-        glm::dvec3 p = sky ? ray(k, {x + 0.5, y + 0.5}) : glm::dvec3(vertex.x, vertex.y, vertex.z);
-
-        const glm::dvec3 p_shifted = sky ? shifted_from_own.direction(p) : shifted_from_own.point(p);
-        const auto u_shifted = project(shifted.intrinsics, p_shifted);
-        const bool outside = !u_shifted || !in_image(shifted.intrinsics, *u_shifted);
-
-        if (!sky && !own.mesh.error.none()) p *= double(w / (w + 2 * own.mesh.error.at(w)));  // see DepthRules
-        // In the own camera's frame: finite points look towards V, the sky is looked at from V.
-        Stretch stretch;
-        Interval whole;
-        double slack;  // misplacement of a surface by its sampling, in units of t
-        if (sky) {
-            const glm::dvec3 d = glm::normalize(p + glm::dvec3(miss_px.x / k.fx, miss_px.y / k.fy, 0));
-            stretch = {centre_own, d, clear_m, sky_reach_m, centre_own + clear_m * glm::normalize(p)};
-            whole = {0, sky_reach_m};
-            slack = 1e-3;
-        } else {
-            const glm::dvec3 aim = centre_own + glm::dvec3(miss_px.x / k.fx, miss_px.y / k.fy, 0) * p.z;
-            const double distance = glm::length(aim - p);
-            const double end = distance > 0 ? std::min(1 - clear_m / distance, 1 - ray_offset) : 0;
-            stretch = {p, aim - p, ray_offset, end, p + end * (centre_own - p)};
-            whole = {ray_offset, 1 - ray_offset};
-            slack = distance > 0 ? std::max(ray_offset, footprint_px * p.z / k.fx / distance) : 1;
-        }
-        // The line starts at the mesh's own vertex to the bit.
-        const ViewedLine line(own, stretch.origin, stretch.direction);
-        Finding finding;
-        if (!still && !(filter && filter->sees(x, y))) {
-            finding.answer = ask_own(line, stretch, whole);
-            if (!sky && faces_away(own.mesh, x, y, p, centre_own)) finding.answer = Answer::occluded;
-        }
-        // The frustum is convex and holds the other end, so the whole stretch is in it if this end is.
-        finding.unseen = !still && stretch.begin < stretch.end && !in_frustum(k, stretch.shifted_end);
-        const bool uncertain =
-            finding.answer == Answer::unknown || (finding.answer == Answer::visible && finding.unseen);
-        if (uncertain && rig.views.size() > 1) {
-            Stretch in_world = stretch;
-            in_world.origin = own.world_from_cam.point(stretch.origin);
-            in_world.direction = own.world_from_cam.direction(stretch.direction);
-            finding = ask_rig(rig, line, in_world, slack);
-        }
-        out.occluded.at(x, y) = finding.answer == Answer::occluded;
-        out.unknown.at(x, y) = finding.answer == Answer::unknown;
-        out.unseen.at(x, y) = finding.unseen;
-        out.outside.at(x, y) = outside;
-        out.lost.at(x, y) = outside || finding.answer == Answer::occluded;
-    };
+    const OwnView view(own, centre, clear_m);
+    const PointBits point_bits({k, shifted.intrinsics, own_from_shifted, clear_m});
+    Grid<uint8_t> classes(k.width, k.height, 0);
     tbb::parallel_for(0, k.height, [&](int y) {
-        for (int x = 0; x < k.width; ++x) pixel(x, y);
+        uint8_t* row = &classes.at(0, y);
+        for (int x = 0; x < k.width && !still; x += RayPacket::size)
+            if (!filter || filter->asks(x, y)) view.ask(x, std::min(x + RayPacket::size, k.width), y, row);
+        point_bits.add(own.mesh.depth, y, row);
+        for (int x = 0; x < k.width && rig.views.size() > 1; ++x) {
+            const uint8_t before = row[x];
+            const bool uncertain = before & unknown_bit || (!(before & occluded_bit) && before & unseen_bit);
+            if (!uncertain || !view.measured(x, y)) continue;
+            const Question q = view.question(x, y);
+            Stretch in_world = q.stretch;
+            in_world.origin = own.world_from_cam.point(q.stretch.origin);
+            in_world.direction = own.world_from_cam.direction(q.stretch.direction);
+            const Finding finding =
+                ask_rig(rig, ViewedLine(own, q.stretch.origin, q.stretch.direction), in_world, q.slack);
+            row[x] = uint8_t((before & outside_bit) |
+                             (finding.answer == Answer::occluded  ? occluded_bit
+                              : finding.answer == Answer::unknown ? unknown_bit
+                                                                  : 0) |
+                             (finding.unseen ? unseen_bit : 0));
+        }
     });
+    return masks_of(classes);
+}
+
+RecordedMasks masks_of(const Grid<uint8_t>& classes) {
+    RecordedMasks out;
+    for (Mask* m : {&out.lost, &out.occluded, &out.outside, &out.unknown, &out.unseen})
+        *m = Mask(classes.width, classes.height, 0);
+    for (size_t i = 0; i < classes.size(); ++i) {
+        const uint8_t c = classes.data[i];
+        out.occluded.data[i] = c & occluded_bit ? 1 : 0;
+        out.outside.data[i] = c & outside_bit ? 1 : 0;
+        out.unknown.data[i] = c & unknown_bit ? 1 : 0;
+        out.unseen.data[i] = c & unseen_bit ? 1 : 0;
+        out.lost.data[i] = c & (occluded_bit | outside_bit) ? 1 : 0;
+    }
     return out;
 }
 

@@ -5,11 +5,16 @@
 
 namespace vshift {
 
+/// Bits of a pixel's class; none of them: visible.
+enum ClassBit : uint8_t { occluded_bit = 1, outside_bit = 2, unknown_bit = 4, unseen_bit = 8 };
+
 /// Per pixel of R, 0 or 1. `lost` = occluded or outside. `unknown` never overlaps `occluded`;
 /// `outside` depends on V's frame alone and may overlap either.
 struct RecordedMasks {
     Mask lost, occluded, outside, unknown, unseen;
 };
+
+RecordedMasks masks_of(const Grid<uint8_t>& classes);
 
 /// Whether pixels that V sees for sure (ray_filter.h) are asked by a ray all the same: slower, the same masks.
 enum class Casting { where_needed, everywhere };

@@ -6,6 +6,8 @@
 #include <bit>
 #include <cmath>
 
+#include "embree_core/lift_kernels.h"
+
 namespace vshift {
 namespace {
 
@@ -42,7 +44,6 @@ public:
         std::vector<Band> bands(size_t(height_ + 1 + band_rows - 1) / band_rows);
         tbb::parallel_for(size_t(0), bands.size(), [&](size_t b) {
             const int begin = int(b) * band_rows - 1, end = std::min(begin + band_rows, height_);
-            write_half_edges(begin, end);
             for (int y = begin; y < end; ++y) emit_row(bands[b], y);
         });
         put_together(bands);
@@ -55,7 +56,9 @@ private:
     const Intrinsics& k_;
     int width_, height_;
     Grid<uint8_t> owned_;                ///< bit per way: the pixel owns the vertex half a pixel that way
-    std::vector<uint32_t> first_owned_;  ///< index of a pixel's first own half-edge vertex, where it has one
+    /// Index of a pixel's first own half-edge vertex, where it has one, from its row's first one on.
+    std::vector<uint32_t, Uninitialized<uint32_t>> first_owned_;
+    std::vector<uint32_t> first_of_row_;
 
     bool collapses() const { return plan_.bound > 0; }
     bool split(int x, int y) const {
@@ -86,8 +89,6 @@ private:
     /// Which half-edge vertices pixel (x, y) owns. On a joined edge there is one where a split cell
     /// touches it; on a torn edge always: both cells there are split or merged.
     uint8_t owned_ways(int x, int y) const {
-        const bool all_whole = whole(x - 1, y - 1) && whole(x, y - 1) && whole(x - 1, y) && whole(x, y);
-        if (all_whole || !field_.solid(x, y)) return 0;
         uint8_t ways = 0;
         for (int way = 0; way < 4; ++way) {
             if (!field_.joined(x, y, x + way_dx[way], y + way_dy[way]))
@@ -103,34 +104,50 @@ private:
     void number_half_edges() {
         owned_ = Grid<uint8_t>(width_, height_, 0);
         first_owned_.resize(owned_.size());
-        std::vector<uint32_t> of_row(size_t(height_) + 1, 0);
+        first_of_row_.assign(size_t(height_) + 1, 0);
         tbb::parallel_for(0, height_, [&](int y) {
             uint32_t count = 0;
+            const uint8_t *above = &plan_.kinds.at(0, y), *below = &plan_.kinds.at(0, y + 1);
+            const float* w = &field_.w.at(0, y);
             for (int x = 0; x < width_; ++x) {
+                if (!plan_.square_near(x, y)) {
+                    x |= (1 << most_levels) - 1;  // the square's last
+                    continue;
+                }
+                const bool all_whole = (above[x] & above[x + 1] & below[x] & below[x + 1]) == whole_kind;
+                if (all_whole || !(w[x] > 0)) continue;
                 const uint8_t ways = owned_ways(x, y);
                 owned_.at(x, y) = ways;
                 first_owned_[pixel(x, y)] = count;
                 count += uint32_t(std::popcount(ways));
             }
-            of_row[size_t(y) + 1] = count;
+            first_of_row_[size_t(y) + 1] = count;
         });
-        of_row[0] = uint32_t(mesh_.vertices.size());
-        for (size_t y = 0; y < size_t(height_); ++y) of_row[y + 1] += of_row[y];
-        mesh_.vertices.resize(of_row.back());
-        tbb::parallel_for(0, height_, [&](int y) {
-            for (int x = 0; x < width_; ++x) first_owned_[pixel(x, y)] += of_row[size_t(y)];
-        });
+        first_of_row_[0] = uint32_t(owned_.size());
+        for (size_t y = 0; y < size_t(height_); ++y) first_of_row_[y + 1] += first_of_row_[y];
     }
 
-    void write_half_edges(int begin, int end) {
-        for (int y = std::max(begin, 0); y < end; ++y)
-            for (int x = 0; x < width_; ++x)
-                for (int way = 0; owned_.at(x, y) >> way; ++way) {
-                    if (!(owned_.at(x, y) >> way & 1)) continue;
-                    const int dx = way_dx[way], dy = way_dy[way];
-                    mesh_.vertices[half_edge(x, y, dx, dy)] =
-                        vertex_at(x + 0.5 + 0.5 * dx, y + 0.5 + 0.5 * dy, 1.0 / field_.half_edge(x, y, dx, dy));
-                }
+    void write_row(int y, const std::vector<double>& ray_x) {
+        const double ray_y = ray(k_, {0.5, y + 0.5}).y;
+        // Also the last corners of the squares before.
+        constexpr int side = 1 << most_levels;
+        for (int x = 0; x < width_; x += side) {
+            bool wanted = false;
+            for (const int px : {x, x - 1})
+                for (const int py : {y, y - 1}) wanted = wanted || plan_.square_wanted(px, py);
+            if (!wanted) continue;
+            const uint32_t at = pixel(x, y);
+            lifting::kernels().points(&mesh_.depth.data[at], &ray_x[size_t(x)], ray_y,
+                                      size_t(std::min(side, width_ - x)), &mesh_.vertices[at].x);
+        }
+        if (first_of_row_[size_t(y)] == first_of_row_[size_t(y) + 1]) return;
+        for (int x = 0; x < width_; ++x)
+            for (int way = 0; owned_.at(x, y) >> way; ++way) {
+                if (!(owned_.at(x, y) >> way & 1)) continue;
+                const int dx = way_dx[way], dy = way_dy[way];
+                mesh_.vertices[half_edge(x, y, dx, dy)] =
+                    vertex_at(x + 0.5 + 0.5 * dx, y + 0.5 + 0.5 * dy, 1.0 / field_.half_edge(x, y, dx, dy));
+            }
     }
 
     uint32_t half_edge(int x, int y, int dx, int dy) const {
@@ -140,24 +157,30 @@ private:
             way -= 2;
         }
         const unsigned before = owned_.at(x, y) & ((1u << way) - 1);
-        return first_owned_[pixel(x, y)] + uint32_t(std::popcount(before));
+        return first_of_row_[size_t(y)] + first_owned_[pixel(x, y)] + uint32_t(std::popcount(before));
     }
 
     // ------------------------------------------------------------ cells
 
     void emit_row(Band& band, int y) {
         for (int x = -1; x < width_; ++x) {
+            if (!plan_.square_wanted(x, y)) {
+                x |= (1 << most_levels) - 1;  // the square's last
+                continue;
+            }
             if (!whole(x, y)) {
-                emit_torn(band, x, y);
+                if (plan_.wanted(x, y)) emit_torn(band, x, y);
                 continue;
             }
             const int level = collapses() ? plan_.level(x, y) : 0;
             if (level == 0) {
-                emit_whole(band, x, y);
+                if (plan_.wanted(x, y)) emit_whole(band, x, y);
                 continue;
             }
             const int inside = (1 << level) - 1;
-            if (!(x & inside) && !(y & inside)) emit_block(band, level, x >> level, y >> level);
+            if (!(x & inside) && !(y & inside) &&
+                (!plan_.filter || plan_.filter->meets_any(x, y, x | inside, y | inside)))
+                emit_block(band, level, x >> level, y >> level);
             x |= inside;  // its last column
         }
     }
@@ -321,7 +344,7 @@ private:
     }
 
     void put_together(std::vector<Band>& bands) {
-        size_t vertices = mesh_.vertices.size(), wall_vertices = 0, kept = 0;
+        size_t vertices = first_of_row_.back(), wall_vertices = 0, kept = 0;
         for (Band& band : bands) {
             band.first_vertex = vertices, band.first_wall_vertex = wall_vertices, band.first_kept = kept;
             vertices += band.vertices.size();
@@ -333,6 +356,9 @@ private:
         mesh_.wall_vertices.resize(wall_vertices);
         mesh_.torn.resize(wall_vertices / 4);
         mesh_.kept.resize(kept);
+        std::vector<double> ray_x(static_cast<size_t>(width_));
+        for (int x = 0; x < width_; ++x) ray_x[size_t(x)] = ray(k_, {x + 0.5, 0.5}).x;
+        tbb::parallel_for(0, height_, [&](int y) { write_row(y, ray_x); });
         tbb::parallel_for(size_t(0), bands.size(), [&](size_t b) {
             const Band& band = bands[b];
             std::copy(band.vertices.begin(), band.vertices.end(), mesh_.vertices.begin() + long(band.first_vertex));

@@ -6,7 +6,7 @@
 
 namespace vshift {
 
-/// Fills `mesh.vertices` beyond the pixels' own, `kept`, `wall_vertices`, `torn` and `kept_triangles`.
+/// Fills `mesh.vertices`, `kept`, `wall_vertices`, `torn` and `kept_triangles`.
 /// Parallel; the same mesh whatever the number of threads.
 void build_mesh(LiftedMesh& mesh, const CellPlan& plan);
 

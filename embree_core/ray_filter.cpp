@@ -1,173 +1,199 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "embree_core/ray_filter.h"
 
+#include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
+
+#include "embree_core/ray_filter_kernels.h"
 
 namespace vshift {
+
+using namespace filtering;
+
 namespace {
 
-// Slopes up to this share of the segments' count as less steep.
-constexpr double surely = 0.9;
-// Nearer to V's plane than this share of R's depth, boxes mean nothing.
-constexpr double least_clear = 0.05;
+constexpr float infinity = std::numeric_limits<float>::infinity();
+// As the kernels' `surely`: what is gentle rises at most so much of what the segments do.
+constexpr float surely = 0.9f;
+// No ray may leave its row by this much where the rows stand for themselves: surfaces end half a pixel off.
+constexpr float most_off_row_px = 0.4f;
 
-struct Range {
-    double low = std::numeric_limits<double>::infinity(), high = -low;
-    void add(double v) { low = std::min(low, v), high = std::max(high, v); }
-};
-struct Box {
-    Range u, v;
-};
+/// Bins of V's picture with an extreme of 1/z in each; `anywhere` is what lies in no bin for sure.
+struct Picture {
+    Grid<float> bins;
+    float anywhere;
 
-/// Cells (x, y) with x0 <= x < x1, y0 <= y < y1, and the half pixel beyond them.
-struct Tile {
-    float low = 0, high = 0;  ///< 1/z of its surfaces and walls
-    bool smooth = false;
-};
-
-/// R's pixels as V sees them with R's orientation: (u - centre.x w, v - centre.y w) / (1 - centre.z w).
-struct Projection {
-    glm::dvec3 centre;  ///< of V, as R's homogeneous pixel times its depth
-
-    double clear(double w) const { return 1 - centre.z * w; }
-    Box box(double u0, double u1, double v0, double v1, double low, double high) const {
-        Box out;
-        // Both are monotonous in w and in the pixel.
-        for (const double w : {low, high}) {
-            for (const double u : {u0, u1}) out.u.add((u - centre.x * w) / clear(w));
-            for (const double v : {v0, v1}) out.v.add((v - centre.y * w) / clear(w));
-        }
-        return out;
-    }
-};
-
-/// The largest product of a value in each range.
-double largest_product(double a0, double a1, double b0, double b1) {
-    return std::max(std::max(a0 * b0, a0 * b1), std::max(a1 * b0, a1 * b1));
-}
-
-Tile read_tile(const LiftedMesh& mesh, const Projection& to, int x0, int x1, int y0, int y1) {
-    const Grid<float>& w = mesh.inverse_depth;
-    float low = std::numeric_limits<float>::infinity(), high = 0, step_low_x = 0, step_high_x = 0, step_low_y = 0,
-          step_high_y = 0;
-    bool whole = true, sky = false, invalid = false;
-    const int last_x = std::min(x1, w.width - 1), last_y = std::min(y1, w.height - 1);
-    for (int y = y0; y <= last_y; ++y) {
-        const float* row = &w.data[size_t(y) * size_t(w.width)];
-        const float* below = y < last_y ? row + w.width : row;
-        const uint8_t* tears = &mesh.tears.data[size_t(y) * size_t(w.width)];
-        for (int x = x0; x <= last_x; ++x) {
-            const float own = row[x];
-            const uint8_t torn = uint8_t(tears[x] & ((x < last_x ? 1 : 0) | (y < last_y ? 2 : 0)));
-            whole &= torn == 0;
-            invalid |= !(own >= 0);
-            sky |= own == 0;
-            low = std::min(low, own), high = std::max(high, own);
-            const float right = x < last_x && !(torn & 1) ? row[x + 1] - own : 0;
-            const float down = !(torn & 2) ? below[x] - own : 0;
-            step_low_x = std::min(step_low_x, right), step_high_x = std::max(step_high_x, right);
-            step_low_y = std::min(step_low_y, down), step_high_y = std::max(step_high_y, down);
+    template <class Visit>
+    void visit(const Bins& at, Visit&& visit) {
+        for (int y = at.y0; y <= at.y1; ++y) {
+            float* row = &bins.at(0, y);
+            for (int x = at.x0; x <= at.x1; ++x) visit(row[x]);
         }
     }
-    Tile tile;
-    if (invalid) {
-        tile.high = mesh.wall_top;
-        return tile;
+};
+
+/// Columns (rows) of tiles by the order in which the way to V leads to them, and which neighbours it leads on to.
+struct Order {
+    std::vector<int> order;
+    std::vector<uint8_t> ahead, back;  ///< may lead to the next, to the one before
+    Order(int count, int size, double centre, double centre_z, bool stands_still) : order(size_t(count)) {
+        ahead.assign(size_t(count), 0), back.assign(size_t(count), 0);
+        std::iota(order.begin(), order.end(), 0);
+        const auto way = [&](int i) { return centre - centre_z * double(i) * size; };
+        const bool to_right = way(0) + way(count) > 0;
+        const bool one_way = stands_still || (way(0) > 0) == (way(count) > 0);
+        if (one_way) {
+            if (to_right) std::reverse(order.begin(), order.end());
+        } else {
+            // Ahead of V the way leads to the epipole, which it starts from behind it.
+            const double towards = centre_z > 0 ? 1 : -1;
+            std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
+                return towards * std::fabs(way(a) + way(a + 1)) < towards * std::fabs(way(b) + way(b + 1));
+            });
+        }
+        for (int i = 0; i < count && !stands_still; ++i) {
+            const double first = way(i), last = way(i + 1);
+            // In the tile of the epipole the way stays there or leaves on either side.
+            const bool here = (first > 0) != (last > 0) || first == 0 || last == 0;
+            ahead[size_t(i)] = here ? centre_z <= 0 : first > 0;
+            back[size_t(i)] = here ? centre_z <= 0 : first < 0;
+        }
     }
-    tile.low = low, tile.high = high;
-    if (high == 0) {
-        tile.smooth = true;
-        return tile;
-    }
-    const double clear = std::min(to.clear(low), to.clear(high));
-    const auto way = [](double centre, double centre_z, double at) { return centre - centre_z * at; };
-    const double rise = largest_product(way(to.centre.x, to.centre.z, x0), way(to.centre.x, to.centre.z, x1 + 1),
-                                        step_low_x, step_high_x) +
-                        largest_product(way(to.centre.y, to.centre.z, y0), way(to.centre.y, to.centre.z, y1 + 1),
-                                        step_low_y, step_high_y);
-    tile.smooth = whole && !sky && clear > least_clear && rise < surely * clear;
-    // Surfaces go on by half a pixel beyond a tear or the border (surface_field.h).
-    const float beyond = std::max(step_high_x, -step_low_x) + std::max(step_high_y, -step_low_y);
-    tile.low = std::max(low - beyond, 0.5f * low), tile.high = std::min(high + beyond, 2.0f * high);
-    return tile;
+};
+
+/// How many tiles on, in columns and in rows, the way to V is gentle, the own one included.
+Grid<uint16_t> gentle_reach(const std::vector<TileRow>& tiles, const Order& across, const Order& down) {
+    constexpr uint16_t most = 0x7fff;
+    const int columns = int(across.order.size()), rows = int(tiles.size());
+    Grid<uint16_t> reach(columns, rows, 0);
+    for (const int y : down.order)
+        for (const int x : across.order) {
+            if (!tiles[size_t(y)].gentle[size_t(x)]) continue;
+            uint16_t least = most;
+            const int x0 = across.back[size_t(x)] && x > 0 ? -1 : 0,
+                      x1 = across.ahead[size_t(x)] && x + 1 < columns ? 1 : 0;
+            const int y0 = down.back[size_t(y)] && y > 0 ? -1 : 0, y1 = down.ahead[size_t(y)] && y + 1 < rows ? 1 : 0;
+            for (int dy = y0; dy <= y1; ++dy)
+                for (int dx = x0; dx <= x1; ++dx)
+                    if (dx || dy) least = std::min(least, reach.at(x + dx, y + dy));
+            reach.at(x, y) = uint16_t(std::min<int>(most, least + 1));
+        }
+    return reach;
 }
 
 }  // namespace
 
-RayFilter::RayFilter(const LiftedMesh& mesh, const glm::dvec3& centre_m) {
-    const Intrinsics& k = mesh.intrinsics;
-    const Projection to{
-        {k.fx * centre_m.x + k.cx * centre_m.z, k.fy * centre_m.y + k.cy * centre_m.z, centre_m.z}};
-    // Where segments keep to the rows, low tiles keep the rows apart.
-    const bool in_rows = std::fabs(k.fy * centre_m.y) + k.height * std::fabs(centre_m.z) < 0.01 * k.fx * std::fabs(centre_m.x);
-    tile_height_ = in_rows ? 2 : 4;
-    const int columns = (k.width + tile_width - 1) / tile_width, rows = (k.height + tile_height_ - 1) / tile_height_;
-    clear_ = Grid<uint8_t>(columns, rows, 0);
-    if (!mesh.error.none()) return;  // rays then start off the surface
+RayFilter::RayFilter(const Surface& surface, const glm::dvec3& centre_m) : centre_m_(centre_m) {
+    static_assert(1 << width_shift == tile_width);
+    const Intrinsics& k = surface.intrinsics;
+    const Grid<float>& w = surface.w;
+    const double centre_x = k.fx * centre_m.x + k.cx * centre_m.z, centre_y = k.fy * centre_m.y + k.cy * centre_m.z;
+    const Extent extent = kernels().extent(w.data.data(), w.size());
+    const float miss_px = extent.largest > 0 ? largest_miss_px / extent.least : 0;
 
-    Grid<Tile> tiles(columns, rows);
-    tbb::parallel_for(0, rows, [&](int ty) {
-        for (int tx = 0; tx < columns; ++tx)
-            tiles.at(tx, ty) = read_tile(mesh, to, tx * tile_width, (tx + 1) * tile_width, ty * tile_height_,
-                                         (ty + 1) * tile_height_);
+    // Where every ray keeps to its row of pixels, rows stand for themselves.
+    const auto way = [&](double centre, double at) { return centre - centre_m.z * at; };
+    const double left = way(centre_x, 0), right = way(centre_x, k.width);
+    const double off = std::max(std::fabs(way(centre_y, 0)), std::fabs(way(centre_y, k.height))) * k.width /
+                       std::min(std::fabs(left), std::fabs(right));
+    const bool only_rows =
+        (left > 0) == (right > 0) && !extent.invalid && off + miss_px * extent.largest < most_off_row_px;
+    height_shift_ = only_rows ? 0 : 1;
+    const int tile_height = 1 << height_shift_;
+    const int columns = (k.width + tile_width - 1) / tile_width, rows = (k.height + tile_height - 1) / tile_height;
+    asks_ = Grid<uint8_t>(columns, rows, 1), meets_ = Grid<uint8_t>(columns, rows, 1);
+    if (!surface.error.none()) return;  // rays then start off the surface
+
+    const Setting setting{{float(centre_x), columns, 3 * columns},
+                          {float(centre_y), only_rows ? 0 : rows / 2, only_rows ? rows : 2 * rows},
+                          float(centre_m.z),
+                          surface.slack,
+                          surface.wall_top,
+                          miss_px,
+                          k.width,
+                          k.height,
+                          tile_height};
+    std::vector<TileRow> tiles(static_cast<size_t>(rows));
+    tbb::enumerable_thread_specific<std::vector<float>> rooms;
+    tbb::parallel_for(0, rows, [&](int y) {
+        TileRow& row = tiles[size_t(y)];
+        const size_t count = size_t(columns);
+        row.low.resize(count), row.high.resize(count), row.pixels.resize(count), row.surface.resize(count);
+        row.gentle.resize(count), row.anywhere.resize(count);
+        kernels().tiles(setting, w.data.data(), surface.tears.data.data(), y, rooms.local(), row);
+    });
+    const Order across(columns, tile_width, centre_x, centre_m.z, false);
+    const Order down(rows, tile_height, centre_y, centre_m.z, only_rows);
+    const Grid<uint16_t> reach = gentle_reach(tiles, across, down);
+
+    // Rows that stand for themselves share no bin.
+    const auto each_row = [&](auto&& body) {
+        if (only_rows)
+            tbb::parallel_for(0, rows, body);
+        else
+            for (int y = 0; y < rows; ++y) body(y);
+    };
+    Picture nearest{Grid<float>(setting.u.bins, setting.v.bins, 0.0f), 0};
+    each_row([&](int y) {
+        const TileRow& row = tiles[size_t(y)];
+        for (size_t x = 0; x < size_t(columns); ++x) {
+            const float high = row.high[x];
+            if (row.anywhere[x] & 2 && !only_rows)
+                nearest.anywhere = std::max(nearest.anywhere, high);
+            else if (high > 0)
+                nearest.visit(row.surface[x], [&](float& bin) { bin = std::max(bin, high); });
+        }
     });
 
-    // Bins of V's picture, of a tile's size; what lies beyond them counts as in the outermost.
-    Grid<float> nearest(3 * columns, 2 * rows, 0.0f);
-    const auto bins = [&](const Box& box) {
-        const auto bin = [](double at, double size, int before, int count) {
-            return int(std::clamp(std::floor(at / size) + before, 0.0, double(count - 1)));
+    Picture farthest{Grid<float>(setting.u.bins, setting.v.bins, infinity), infinity};
+    each_row([&](int y) {
+        const TileRow& row = tiles[size_t(y)];
+        const auto steepest = [&](double centre, int at, int size) {
+            return std::max(std::fabs(way(centre, at * size)), std::fabs(way(centre, (at + 1) * size)));
         };
-        const double height = tile_height_;
-        return std::array<int, 4>{bin(box.u.low, tile_width, columns, nearest.width),
-                                  bin(box.u.high, tile_width, columns, nearest.width),
-                                  bin(box.v.low, height, rows / 2, nearest.height),
-                                  bin(box.v.high, height, rows / 2, nearest.height)};
-    };
-    const auto box_of = [&](int tx, int ty) {
-        const Tile& tile = tiles.at(tx, ty);
-        const double x0 = tx * tile_width, y0 = ty * tile_height_;
-        return to.box(x0, x0 + tile_width + 1, y0, y0 + tile_height_ + 1, tile.low, tile.high);
-    };
-    for (int ty = 0; ty < rows; ++ty)
-        for (int tx = 0; tx < columns; ++tx) {
-            const Tile& tile = tiles.at(tx, ty);
-            if (tile.high == 0) continue;
-            std::array<int, 4> at{0, nearest.width - 1, 0, nearest.height - 1};
-            if (std::min(to.clear(tile.low), to.clear(tile.high)) > least_clear) at = bins(box_of(tx, ty));
-            for (int y = at[2]; y <= at[3]; ++y)
-                for (int x = at[0]; x <= at[1]; ++x) nearest.at(x, y) = std::max(nearest.at(x, y), tile.high);
-        }
-
-    const auto smooth = [&](int tx, int ty) {
-        return tx < 0 || ty < 0 || tx >= columns || ty >= rows || tiles.at(tx, ty).smooth;
-    };
-    tbb::parallel_for(0, rows, [&](int ty) {
-        for (int tx = 0; tx < columns; ++tx) {
-            bool all = true;
-            for (int dy = -1; dy <= 1; ++dy)
-                for (int dx = -1; dx <= 1; ++dx) all = all && smooth(tx + dx, ty + dy);
-            if (!all) continue;
-            const Box box = box_of(tx, ty);
-            // With 1/z a point of the same place in V's picture moves over R's picture by this many pixels.
-            const double along = std::max(std::fabs(to.centre.x - to.centre.z * box.u.low),
-                                          std::fabs(to.centre.x - to.centre.z * box.u.high));
-            const double across = std::max(std::fabs(to.centre.y - to.centre.z * box.v.low),
-                                           std::fabs(to.centre.y - to.centre.z * box.v.high));
-            // One pixel less than a tile: from its own pixels' border to the neighbours' far one.
-            const double reach = surely * std::min((tile_width - 1) / along, (tile_height_ - 1) / across);
-            const double allowed = tiles.at(tx, ty).low + reach;
-            const auto at = bins(box);
-            bool clear = true;
-            for (int y = at[2]; y <= at[3]; ++y)
-                for (int x = at[0]; x <= at[1]; ++x) clear = clear && nearest.at(x, y) <= allowed;
-            clear_.at(tx, ty) = clear;
+        const double down_px = only_rows ? 0 : steepest(centre_y, y, tile_height);
+        for (int x = 0; x < columns; ++x) {
+            const size_t at = size_t(x);
+            if (const int tiles_on = reach.at(x, y) - 1; tiles_on > 0 && !(row.anywhere[at] & 1)) {
+                // With 1/z the segment moves by `way` over R's picture, per 1 - centre_z w; as far as all is gentle
+                // nothing that it meets is nearer than this.
+                const double across_px = steepest(centre_x, x, tile_width);
+                const double clear =
+                    std::max(0.0, 1 - std::max(centre_m.z * double(row.low[at]), centre_m.z * double(row.high[at])));
+                const double on = std::min(across_px > 0 ? tiles_on * tile_width / across_px : 1e30,
+                                           down_px > 0 ? tiles_on * tile_height / down_px : 1e30);
+                const float allowed = float(double(row.low[at]) + double(surely) * clear * on);
+                bool clear_there = nearest.anywhere <= allowed;
+                nearest.visit(row.pixels[at], [&](float& bin) { clear_there = clear_there && bin <= allowed; });
+                asks_.at(x, y) = !clear_there;
+            }
+            if (!asks_.at(x, y)) continue;
+            if (row.anywhere[at] & 1 && !only_rows)
+                farthest.anywhere = std::min(farthest.anywhere, row.low[at]);
+            else
+                farthest.visit(row.pixels[at], [&](float& bin) { bin = std::min(bin, row.low[at]); });
         }
     });
+
+    tbb::parallel_for(0, rows, [&](int y) {
+        const TileRow& row = tiles[size_t(y)];
+        for (int x = 0; x < columns; ++x) {
+            const size_t at = size_t(x);
+            const float high = row.high[at];
+            bool met = farthest.anywhere <= high || (row.anywhere[at] & 2 && !only_rows);
+            if (!met) farthest.visit(row.surface[at], [&](float& bin) { met = met || bin <= high; });
+            meets_.at(x, y) = high > 0 && met;
+        }
+    });
+    if (!only_rows) return;
+    // Rays along a row run between the cells above it and those below.
+    for (int y = 0; y + 1 < rows; ++y)
+        for (int x = 0; x < columns; ++x) meets_.at(x, y) |= meets_.at(x, y + 1);
 }
 
 }  // namespace vshift

@@ -1,26 +1,65 @@
 // SPDX-License-Identifier: Apache-2.0
-// Role: which pixels of a lifted camera V sees for sure, told without a ray. Stage: mask.
+// Role: which pixels of a lifted camera a ray has to decide, and which cells of its mesh such rays can meet. Stage:
+// mask.
 //
-// The picture is cut into tiles. In V's picture, with R's orientation, every tile lies in a box, and whatever hides a
-// point there has a larger 1/z in R. A tile is clear when its surface and its neighbours' are whole and rise on the way to
-// V less steeply than the segments to V do, so that it does not hide itself, and nothing else in its box stands nearer:
-// of what is nearer by less than the neighbours reach, the neighbours are all there is.
+// The picture is cut into tiles. In (u, v, 1/z) the segment from a point to V is straight, and V sees all of it at one
+// place; so a picture of V's, with R's orientation, bins the tiles by where V sees them. A point is seen for sure when
+// what lies between it and V near its own place rises less steeply than the segment does, and nothing at its place in
+// V's picture stands nearer than that reaches. What is left is asked by rays; they meet only what is seen at the same
+// place and stands nearer than the farthest point that asks there.
 #pragma once
-#include "embree_core/lift.h"
+#include <algorithm>
+#include <glm/glm.hpp>
+
+#include "embree_core/camera.h"
+#include "embree_core/depth_source.h"
+#include "embree_core/types.h"
 
 namespace vshift {
 
+/// Rays may miss V's centre by this much, in pixels of the recorded pixel (mask.cpp).
+inline constexpr float largest_miss_px = 0.0017f;
+
 class RayFilter {
 public:
-    /// `centre_m`: V's centre in the mesh's camera.
-    RayFilter(const LiftedMesh& mesh, const glm::dvec3& centre_m);
-    /// V sees the pixel's point (the sky's too), past no wall. False: ask by a ray.
-    bool sees(int x, int y) const { return clear_.at(x / tile_width, y / tile_height_); }
+    /// The surface of lift.h over 1/z `w`, from which the traced mesh may be off by `slack`.
+    struct Surface {
+        const Intrinsics& intrinsics;
+        const Grid<float>& w;
+        const Grid<uint8_t>& tears;
+        float wall_top;
+        float slack;
+        const InverseDepthError& error;
+    };
+    /// `centre_m`: V's centre in the recorded camera.
+    RayFilter(const Surface& surface, const glm::dvec3& centre_m);
+
+    /// Whether a ray has to tell what hides the pixel's point (the sky's too) from V; else V sees it, past no wall.
+    bool asks(int x, int y) const { return asks_.at(x >> width_shift, y >> height_shift_); }
+    /// Whether such a ray may meet the mesh in the cell whose first corner is pixel (x, y), -1 at the border.
+    bool meets(int x, int y) const { return meets_.at(x < 0 ? 0 : x >> width_shift, y < 0 ? 0 : y >> height_shift_); }
+    /// As many cells of a row, from a multiple of it on, are answered alike.
+    static constexpr int cells = 8;
+    /// The same of any cell, pixel, from (x0, y0) to (x1, y1), the last ones included.
+    bool meets_any(int x0, int y0, int x1, int y1) const { return any(meets_, x0, y0, x1, y1); }
+    bool asks_any(int x0, int y0, int x1, int y1) const { return any(asks_, x0, y0, x1, y1); }
+
+    const glm::dvec3& centre_m() const { return centre_m_; }
 
 private:
-    static constexpr int tile_width = 16;
-    int tile_height_;
-    Grid<uint8_t> clear_;
+    static constexpr int width_shift = 3;
+    static_assert(1 << width_shift == cells);
+    bool any(const Grid<uint8_t>& tiles, int x0, int y0, int x1, int y1) const {
+        x1 = std::min(std::max(x1, 0) >> width_shift, tiles.width - 1);
+        y1 = std::min(std::max(y1, 0) >> height_shift_, tiles.height - 1);
+        for (int y = std::max(y0, 0) >> height_shift_; y <= y1; ++y)
+            for (int x = std::max(x0, 0) >> width_shift; x <= x1; ++x)
+                if (tiles.at(x, y)) return true;
+        return false;
+    }
+    int height_shift_ = 0;
+    glm::dvec3 centre_m_;
+    Grid<uint8_t> asks_, meets_;
 };
 
 }  // namespace vshift

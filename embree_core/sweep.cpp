@@ -250,19 +250,12 @@ Mask Sweeper::edges(const SweepCamera& camera, const DepthMap& depth, const Grid
     return out;
 }
 
-RecordedMasks masks_of(const Grid<uint8_t>& classes) {
-    RecordedMasks out;
-    for (Mask* m : {&out.lost, &out.occluded, &out.outside, &out.unknown, &out.unseen})
-        *m = Mask(classes.width, classes.height, 0);
-    for (size_t i = 0; i < classes.size(); ++i) {
-        const uint8_t c = classes.data[i];
-        out.occluded.data[i] = c & occluded_bit ? 1 : 0;
-        out.outside.data[i] = c & outside_bit ? 1 : 0;
-        out.unknown.data[i] = c & unknown_bit ? 1 : 0;
-        out.unseen.data[i] = c & unseen_bit ? 1 : 0;
-        out.lost.data[i] = c & (occluded_bit | outside_bit) ? 1 : 0;
-    }
-    return out;
+PointBits::PointBits(const SweepCamera& camera) : rule_(std::make_unique<PixelRule>(pixel_rule(camera))) {}
+PointBits::~PointBits() = default;
+
+void PointBits::add(const DepthMap& depth, int row, uint8_t* classes) const {
+    const size_t width = size_t(depth.width);
+    kernels().pixels(*rule_, &depth.data[size_t(row) * width], row, width, classes);
 }
 
 }  // namespace vshift

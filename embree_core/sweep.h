@@ -17,8 +17,9 @@
 
 namespace vshift {
 
-/// Bits of a pixel's class; none of them: visible.
-enum ClassBit : uint8_t { occluded_bit = 1, outside_bit = 2, unknown_bit = 4, unseen_bit = 8 };
+namespace sweep {
+struct PixelRule;
+}
 
 struct SweepCamera {
     Intrinsics recorded, shifted;
@@ -49,6 +50,16 @@ private:
     std::unique_ptr<Buffers> buffers_;
 };
 
-RecordedMasks masks_of(const Grid<uint8_t>& classes);
+/// Adds what a pixel's own point tells to a row of classes: outside and unseen bits; what has no measurement is unknown
+/// and nothing else.
+class PointBits {
+public:
+    explicit PointBits(const SweepCamera& camera);
+    ~PointBits();
+    void add(const DepthMap& depth, int row, uint8_t* classes) const;
+
+private:
+    std::unique_ptr<sweep::PixelRule> rule_;
+};
 
 }  // namespace vshift

@@ -69,7 +69,7 @@ struct TracedScene::Impl {
     size_t bytes = 0;
 
     /// Vertices and indices are the caller's, to be kept as long as this.
-    Impl(const std::vector<LiftedVertex>& vertices, RTCGeometryType type, const void* indices, size_t count,
+    Impl(std::span<const LiftedVertex> vertices, RTCGeometryType type, const void* indices, size_t count,
          bool share_indices) {
         device();  // before counting
         const int64_t held_before = held_bytes;
@@ -107,7 +107,7 @@ struct TracedScene::Impl {
     Impl& operator=(const Impl&) = delete;
 };
 
-TracedScene::TracedScene(const std::vector<LiftedVertex>& vertices, const std::vector<LiftedQuad>& quads) {
+TracedScene::TracedScene(std::span<const LiftedVertex> vertices, const std::vector<LiftedQuad>& quads) {
     if (quads.empty()) return;
     impl_ = std::make_unique<Impl>(vertices, RTC_GEOMETRY_TYPE_QUAD, quads.data(), quads.size(), true);
 }
@@ -138,6 +138,37 @@ bool TracedScene::occluded(const glm::vec3& origin, const glm::vec3& direction, 
     rtcOccluded1(impl_->scene, &context, &ray);
 #endif
     return ray.tfar < 0;
+}
+
+uint32_t TracedScene::occluded(const RayPacket& rays, uint32_t asked) const {
+    if (!impl_) return 0;
+    constexpr int n = RayPacket::size;
+    RTCRay8 ray;
+    alignas(32) int valid[n];
+    for (int i = 0; i < n; ++i) {
+        if (!(rays.t_min[i] < rays.t_max[i])) asked &= ~(1u << i);
+        valid[i] = asked >> i & 1 ? -1 : 0;
+        ray.time[i] = 0, ray.mask[i] = 0xffffffffu, ray.id[i] = 0, ray.flags[i] = 0;
+    }
+    if (!asked) return 0;
+    float* const vectors[8] = {ray.org_x, ray.org_y, ray.org_z, ray.dir_x, ray.dir_y, ray.dir_z, ray.tnear, ray.tfar};
+    const float* const from[8] = {rays.origin[0],    rays.origin[1],    rays.origin[2], rays.direction[0],
+                                  rays.direction[1], rays.direction[2], rays.t_min,     rays.t_max};
+    for (int k = 0; k < 8; ++k) std::copy_n(from[k], n, vectors[k]);
+#if RTC_VERSION_MAJOR >= 4
+    RTCOccludedArguments arguments;
+    rtcInitOccludedArguments(&arguments);
+    arguments.flags = RTC_RAY_QUERY_FLAG_COHERENT;
+    rtcOccluded8(valid, impl_->scene, &ray, &arguments);
+#else
+    RTCIntersectContext context;
+    rtcInitIntersectContext(&context);
+    context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+    rtcOccluded8(valid, impl_->scene, &context, &ray);
+#endif
+    uint32_t met = 0;
+    for (int i = 0; i < n; ++i) met |= uint32_t(ray.tfar[i] < 0) << i;
+    return met & asked;
 }
 
 Hit TracedScene::intersect(const glm::vec3& origin, const glm::vec3& direction, float t_min, float t_max) const {

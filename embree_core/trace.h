@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <glm/glm.hpp>
 #include <memory>
+#include <span>
 #include <string>
 
 #include "embree_core/lift.h"
@@ -21,13 +22,24 @@ struct Hit {
     explicit operator bool() const { return primitive != no_primitive; }
 };
 
+/// Rays that are cast together; those side by side go fastest.
+struct RayPacket {
+    static constexpr int size = 8;
+    alignas(32) float origin[3][size]{}, direction[3][size]{}, t_min[size]{}, t_max[size]{};
+
+    void set(int i, const glm::vec3& o, const glm::vec3& d, float from, float to) {
+        for (int k = 0; k < 3; ++k) origin[k][i] = o[k], direction[k][i] = d[k];
+        t_min[i] = from, t_max[i] = to;
+    }
+};
+
 /// A built, immutable scene: safe to use from any number of threads.
 class TracedScene {
 public:
     TracedScene();  ///< nothing in it: every ray misses
     /// Both are used where they lie: they must stay there as long as the scene (a vector may be moved).
     /// Quads that repeat their last corner are triangles.
-    TracedScene(const std::vector<LiftedVertex>& vertices, const std::vector<LiftedQuad>& quads);
+    TracedScene(std::span<const LiftedVertex> vertices, const std::vector<LiftedQuad>& quads);
     /// Copies what it needs.
     TracedScene(std::vector<LiftedVertex> vertices, const std::vector<std::array<uint32_t, 3>>& triangles);
     ~TracedScene();
@@ -40,6 +52,8 @@ public:
 
     /// Anything on origin + t direction, t_min <= t <= t_max? Not for NaN input.
     bool occluded(const glm::vec3& origin, const glm::vec3& direction, float t_min, float t_max) const;
+    /// The same of a packet's rays: those of bit mask `asked` that meet anything.
+    uint32_t occluded(const RayPacket& rays, uint32_t asked) const;
     /// The nearest such hit.
     Hit intersect(const glm::vec3& origin, const glm::vec3& direction, float t_min, float t_max) const;
     /// Calls `found(t)` for every hit on the way, nearest first (at most 256).

@@ -43,6 +43,13 @@ bool TracedWalls::passed(const glm::dvec3& origin, const glm::dvec3& direction, 
     return stretch && scene_.occluded(glm::vec3(stretch->from), glm::vec3(stretch->to - stretch->from), 0, 1);
 }
 
+bool TracedWalls::add(const glm::dvec3& origin, const glm::dvec3& direction, double begin, double end, int i,
+                      RayPacket& packet) const {
+    const auto stretch = carry_over(origin, direction, begin, end, nearest_z_m_);
+    if (stretch) packet.set(i, glm::vec3(stretch->from), glm::vec3(stretch->to - stretch->from), 0, 1);
+    return stretch.has_value();
+}
+
 void TracedWalls::crossings(const glm::dvec3& origin, const glm::dvec3& direction, double begin, double end,
                             std::vector<double>& t) const {
     const auto stretch = carry_over(origin, direction, begin, end, nearest_z_m_);
@@ -51,12 +58,28 @@ void TracedWalls::crossings(const glm::dvec3& origin, const glm::dvec3& directio
                      [&](double lambda) { t.push_back(stretch->t(lambda)); });
 }
 
-LiftedMesh lift_towards(const Intrinsics& intrinsics, const Pose& world_from_cam, const DepthMap& depth,
-                        const glm::dvec3& shifted_centre_m, double tolerance_px, const DepthRules& rules) {
+namespace {
+
+LiftOptions options_for(const Pose& world_from_cam, const glm::dvec3& shifted_centre_m, double tolerance_px,
+                        const DepthRules& rules) {
     LiftOptions options;
     options.tolerance_px = tolerance_px;
     options.baseline_m = glm::length(shifted_centre_m - world_from_cam.translation_m);
     options.rules = rules;
+    return options;
+}
+
+}  // namespace
+
+LiftedMesh lift_towards(const Intrinsics& intrinsics, const Pose& world_from_cam, const DepthMap& depth,
+                        const glm::dvec3& shifted_centre_m, double tolerance_px, const DepthRules& rules) {
+    return lift(intrinsics, depth, options_for(world_from_cam, shifted_centre_m, tolerance_px, rules));
+}
+
+LiftedMesh lift_for_mask(const Intrinsics& intrinsics, const Pose& world_from_cam, const DepthMap& depth,
+                         const glm::dvec3& shifted_centre_m, double tolerance_px, const DepthRules& rules) {
+    LiftOptions options = options_for(world_from_cam, shifted_centre_m, tolerance_px, rules);
+    options.only_for_m = inverse(world_from_cam).point(shifted_centre_m);
     return lift(intrinsics, depth, options);
 }
 

@@ -17,6 +17,10 @@ public:
     explicit TracedWalls(const LiftedMesh& mesh);
     /// Does the line pass a wall between t = begin and end?
     bool passed(const glm::dvec3& origin, const glm::dvec3& direction, double begin, double end) const;
+    /// Adds the line's stretch to a packet for `passed`. False where it passes no wall for sure.
+    bool add(const glm::dvec3& origin, const glm::dvec3& direction, double begin, double end, int i,
+             RayPacket& packet) const;
+    uint32_t passed(const RayPacket& packet, uint32_t asked) const { return scene_.occluded(packet, asked); }
     /// Appends every such t.
     void crossings(const glm::dvec3& origin, const glm::dvec3& direction, double begin, double end,
                    std::vector<double>& t) const;
@@ -40,6 +44,10 @@ struct LiftedView {
 /// centre in the world.
 LiftedMesh lift_towards(const Intrinsics& intrinsics, const Pose& world_from_cam, const DepthMap& depth,
                         const glm::dvec3& shifted_centre_m, double tolerance_px = 0, const DepthRules& rules = {});
+
+/// As much of it as a mask of this camera alone, asked from there, needs.
+LiftedMesh lift_for_mask(const Intrinsics& intrinsics, const Pose& world_from_cam, const DepthMap& depth,
+                         const glm::dvec3& shifted_centre_m, double tolerance_px = 0, const DepthRules& rules = {});
 
 /// The mesh, ready to trace.
 LiftedView build_view(const std::string& name, const Pose& world_from_cam, LiftedMesh mesh);

@@ -93,9 +93,9 @@ double under(const LiftedView& view, glm::dvec2 u) {
     return hit ? 1 / double(hit.t) : std::numeric_limits<double>::quiet_NaN();
 }
 
-template <class T>
-bool same_bytes(const std::vector<T>& a, const std::vector<T>& b) {
-    return a.size() == b.size() && (a.empty() || std::memcmp(a.data(), b.data(), a.size() * sizeof(T)) == 0);
+template <class Vector>
+bool same_bytes(const Vector& a, const Vector& b) {
+    return a.size() == b.size() && (a.empty() || std::memcmp(a.data(), b.data(), a.size() * sizeof(a[0])) == 0);
 }
 
 }  // namespace
@@ -280,9 +280,9 @@ TEST_CASE("rays where they are needed say what rays everywhere say", "[filter]")
                       differing(few.unseen, all.unseen) + differing(few.outside, all.outside) ==
                   0);
             const LiftedView& own = c.rig.views[size_t(c.rig.own)];
-            const RayFilter filter(own.mesh, inverse(own.world_from_cam).point(c.v.world_from_cam.translation_m));
+            const RayFilter filter(own.mesh.surface(), inverse(own.world_from_cam).point(c.v.world_from_cam.translation_m));
             for (int y = 0; y < few.lost.height; ++y)
-                for (int x = 0; x < few.lost.width; ++x) ++(filter.sees(x, y) ? spared : asked);
+                for (int x = 0; x < few.lost.width; ++x) ++(filter.asks(x, y) ? asked : spared);
         }
     INFO(spared << " spared, " << asked << " asked");
     CHECK(spared > asked);
