@@ -227,7 +227,7 @@ def check_fills(data, name, shifts, frames, cameras):
               "temporal": {}, "overlap": {}, "fill_times": {}}
     numbers = {"images": ("psnr_db",), "image_summary": ("psnr_db", "ssim", "ms_ssim", "flip", "gradient_error", "sharpness"),
                "temporal": ("difference", "truth_difference", "error_change"), "overlap": ("difference", "truth_difference", "error_change"),
-               "fill_times": ("fill_ms", "warp_ms")}
+               "fill_times": ("fill_cpu_ms", "warp_cpu_ms", "fill_ms", "warp_ms")}
     for table, one_of in tables.items():
         data.setdefault(table, [])
         for index, row in enumerate(need(data, table, list, name)):
