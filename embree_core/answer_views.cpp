@@ -21,14 +21,6 @@ void note_centre(const Views& views, const Grid<float>& w, const Grid<uint8_t>& 
         out.centre_hidden = 1.0 / centre.z < double(surface_inverse_depth(w, tears, *u));
 }
 
-void add_colors(const ColorImage& color, Channels& image) {
-    for (int c = 0; c < 3; ++c) {
-        std::vector<float> plane(color.size());
-        for (size_t i = 0; i < plane.size(); ++i) plane[i] = color.data[i][c];
-        image.add(std::string(1, "RGB"[c]), std::move(plane));
-    }
-}
-
 /// The cameras' geometry, rasterised or lifted, in the order of `cameras`.
 struct Rig {
     std::vector<const CameraSpec*> cameras;
@@ -99,7 +91,7 @@ void holes_answer(const Recipe& recipe, const Views& views, const Request& reque
         for (size_t k = 0; k < rig.surfaces.size(); ++k)
             samplers.push_back(sampler_of(rig.surfaces[k], files.color(rig.cameras[k]->name, request.frame), views.shifted));
         const Warped warped = warp(h, samplers, edge);
-        add_colors(warped.color, image);
+        image.add_color(warped.color);
         h.hole = warped.missing;
         image.add("Z", h.depth.data);
         image.add("hole", plane_of(h.hole));
@@ -217,14 +209,14 @@ void seam_answer(const Recipe& recipe, const Views& views, const Request& reques
     if (condition) {
         Condition& c = files.room().condition;
         condition_of(seam, rig.own, request.stride, c);
-        add_colors(c.color, image);
+        image.add_color(c.color);
         image.add("own", c.own.data);
         image.add("neighbor", c.neighbor.data);
         image.add("hole", c.hole.data);
         image.metadata["vshift.arm"] = arm;
         image.metadata["vshift.stride"] = std::to_string(request.stride);
     } else {
-        add_colors(seam.color, image);
+        image.add_color(seam.color);
         image.add("source", {seam.source.data.begin(), seam.source.data.end()});
     }
     image.metadata["vshift.view"] = chosen_view(request);

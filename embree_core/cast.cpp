@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <tbb/parallel_for.h>
 
+#include <algorithm>
 #include <limits>
 
 #include "embree_core/reproject.h"
@@ -51,10 +52,10 @@ Look look(const LiftedView& view, const glm::dvec3& origin, const glm::dvec3& di
 
 void cast(const LiftedView& view, const ShiftedCamera& shifted, Reprojection& out) {
     const int width = shifted.intrinsics.width, height = shifted.intrinsics.height;
-    out.x0 = 0, out.x1 = width;
-    out.sight = Grid<Sight>(width, height, Sight::none);
-    out.inverse_depth = Grid<float>(width, height, 0);
-    out.source_px = Grid<glm::vec2>(width, height, glm::vec2(0));
+    out.fit(shifted.intrinsics);
+    std::fill(out.columns.begin(), out.columns.end(), Reprojection::Columns{0, width});
+    std::fill(out.sight.data.begin(), out.sight.data.end(), Sight::none);
+    std::fill(out.inverse_depth.data.begin(), out.inverse_depth.data.end(), 0.0f);
     const Pose view_from_shifted = compose(inverse(view.world_from_cam), shifted.world_from_cam);
     const auto look_at = [&](glm::dvec2 u) {
         return look(view, view_from_shifted.translation_m, view_from_shifted.direction(ray(shifted.intrinsics, u)));

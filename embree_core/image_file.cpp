@@ -165,6 +165,21 @@ void Channels::add(const std::string& name, std::vector<float> plane) {
     planes.push_back(std::move(plane));
 }
 
+void Channels::add_color(const ColorImage& color) {
+    for (int c = 0; c < 3; ++c) {
+        std::vector<float> plane(color.size());
+        for (size_t i = 0; i < plane.size(); ++i) plane[i] = color.data[i][c];
+        add(std::string(1, "RGB"[c]), std::move(plane));
+    }
+}
+
+ColorImage Channels::color() const {
+    ColorImage out(width, height);
+    const auto &r = plane("R"), &g = plane("G"), &b = plane("B");
+    for (size_t i = 0; i < out.size(); ++i) out.data[i] = {r[i], g[i], b[i]};
+    return out;
+}
+
 Channels read_image(const fs::path& file) {
     Decoded decoded = decode(file, {}, [](const Claim&) {});
     if (decoded.unit_top != 1)

@@ -23,6 +23,9 @@ struct Channels {
     const std::vector<float>& plane(const std::string& name) const;  ///< throws Error bad_input
     bool has(const std::string& name) const;
     void add(const std::string& name, std::vector<float> plane);
+    /// Channels R, G and B.
+    void add_color(const ColorImage& color);
+    ColorImage color() const;  ///< throws Error bad_input where one of them is not there
 };
 
 /// How samples are stored: float, half (EXR only), or 16-bit / 8-bit integer (PNG).

@@ -129,7 +129,7 @@ namespace {
 
 template <bool inner>
 SplitCell split(const SurfaceField& f, int cx, int cy) {
-    SplitCell cell;
+    SplitCell cell{};
     for (int c = 0; c < 4; ++c) {
         const int x = cx + corner_dx[c], y = cy + corner_dy[c];
         cell.state[c] = f.state(x, y);

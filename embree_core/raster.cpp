@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "embree_core/raster.h"
+
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
@@ -6,9 +8,9 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <optional>
 
 #include "embree_core/lift_kernels.h"
-#include "embree_core/raster_map.h"
 #include "embree_core/surface_field.h"
 
 // Signs of edge functions must be exact opposites for the two triangles at an edge: built without fused operations.
@@ -19,14 +21,18 @@ namespace {
 using raster::Bounds;
 using raster::ceiling;
 using raster::Corner;
+using raster::Corners;
 using raster::FloatMap;
+using raster::floored;
 using raster::nearest_share;
 using raster::Range;
 using raster::reach_of;
+using raster::Tile;
 
 // Cells are taken in tiles, pixels of V in bands of rows. A band belongs to one task, and tiles come in order: the
 // result does not depend on who did what.
-constexpr int tile_columns = raster::most_cells, tile_rows = 16, band_rows = 64, block = 16;
+constexpr int tile_columns = raster::most_cells, tile_rows = 16, band_rows = Reprojection::band_rows, block = 16;
+static_assert(band_rows % block == 0);
 // Walls that meet leave no gap.
 constexpr float wall_reach_px = 1.0f / 512;
 static_assert(uint8_t(Sight::none) == raster::no_surface && uint8_t(Sight::seen) == raster::front &&
@@ -37,67 +43,58 @@ bool owns_edge(float dx, float dy) {
     return dy < 0 || (dy == 0 && dx > 0);
 }
 
-/// The floor's least value in every block of pixels.
+/// The floor's least value in every block of a band's pixels.
 struct Blocks {
-    int columns = 0, rows = 0;
+    int columns, first, rows;
     std::vector<float> least;
 
-    explicit Blocks(const Grid<float>& floor)
+    Blocks(const Grid<float>& floor, int y0, int y1)
         : columns((floor.width + block - 1) / block),
-          rows((floor.height + block - 1) / block),
+          first(y0 / block),
+          rows((y1 - y0 + block - 1) / block),
           least(size_t(columns) * size_t(rows), std::numeric_limits<float>::infinity()) {
-        tbb::parallel_for(0, rows, [&](int by) {
-            const int y0 = by * block, y1 = std::min(y0 + block, floor.height);
+        for (int y = y0; y < y1; ++y)
             for (int bx = 0; bx < columns; ++bx) {
+                const float* row = &floor.at(bx * block, y);
                 const int n = std::min(block, floor.width - bx * block);
-                float lows[block];
-                std::fill_n(lows, block, std::numeric_limits<float>::infinity());
-                for (int y = y0; y < y1; ++y) {
-                    const float* row = &floor.at(bx * block, y);
-                    if (n == block)
-                        for (int i = 0; i < block; ++i) lows[i] = row[i] < lows[i] ? row[i] : lows[i];
-                    else
-                        for (int i = 0; i < n; ++i) lows[i] = row[i] < lows[i] ? row[i] : lows[i];
-                }
-                least[size_t(by) * size_t(columns) + size_t(bx)] = *std::min_element(lows, lows + block);
+                float low = row[0];
+                for (int i = 1; i < n; ++i) low = row[i] < low ? row[i] : low;
+                float& of = least[size_t(y / block - first) * size_t(columns) + size_t(bx)];
+                of = std::min(of, low);
             }
-        });
     }
     /// Whether a surface whose 1/Z stays below `highest` could rise above the floor.
     bool any(const Range& r, float highest) const {
-        for (int y = r.y0 / block; y * block < r.y1; ++y)
+        for (int y = std::max(r.y0 / block, first); y < first + rows && y * block < r.y1; ++y)
             for (int x = r.x0 / block; x * block < r.x1; ++x)
-                if (least[size_t(y) * size_t(columns) + size_t(x)] < highest) return true;
+                if (least[size_t(y - first) * size_t(columns) + size_t(x)] < highest) return true;
         return false;
     }
-};
-
-struct Tile {
-    int x = 0, y = 0;
-    Bounds w;
-    Range reach;      ///< pixels of V that it can touch
-    float highest_q;  ///< in V
 };
 
 /// One band of V's rows.
 class Band {
 public:
-    Band(const SurfaceView& view, const FloatMap& map, const Grid<float>* floor, Reprojection& out, int y0, int y1)
+    /// `blocks`: of the floor; null where there is none.
+    Band(const SurfaceView& view, const FloatMap& map, const Grid<float>* floor, const Blocks* blocks,
+         Reprojection::Columns columns, int y0, int y1, Reprojection& out)
         : field_{view.inverse_depth, view.tears},
           view_(view),
           map_(map),
           floor_(floor),
+          blocks_(blocks),
+          columns_(columns),
           out_(out),
           width_(out.sight.width),
           y0_(y0),
-          y1_(y1) {
+          y1_(y1),
+          wall_(size_t(width_) * size_t(y1 - y0)) {
         for (int y = y0; y < y1; ++y) {
-            const size_t begin = size_t(y) * size_t(width_) + size_t(out.x0), n = size_t(out.x1 - out.x0);
+            const size_t begin = size_t(y) * size_t(width_) + size_t(columns.x0), n = size_t(columns.x1 - columns.x0);
             if (floor)
                 std::copy_n(&floor->data[begin], n, &out.inverse_depth.data[begin]);
             else
                 std::fill_n(&out.inverse_depth.data[begin], n, 0.0f);
-            std::fill_n(&out.wall[begin], n, 0.0f);
         }
     }
 
@@ -112,11 +109,12 @@ public:
         raster::Row* below = &rows_[1];
         int have = -2;  // the row of pixels in `below`
         for (int y = tile.y; y < last_y; ++y) {
+            float highest_q;
             const Range reach =
-                reach_of(map_, float(tile.x), float(last_x), float(y), float(y + 1), tile.w, width_, y1_);
-            if (reach.empty() || reach.y1 <= y0_) continue;
+                reach_of(map_, float(tile.x), float(last_x), float(y), float(y + 1), tile.w, width_, y1_, &highest_q);
+            if (reach.empty() || reach.y1 <= y0_ || (blocks_ && !blocks_->any(reach, highest_q))) continue;
             if (y < 0 || y + 1 >= field_.w.height) {
-                for (int x = tile.x; x < last_x; ++x) draw_split(x, y);
+                for (int x = tile.x; x < last_x; ++x) draw_border(x, y);
                 continue;
             }
             if (have == y)
@@ -125,8 +123,8 @@ public:
                 load(x0, x1, y, *above);
             load(x0, x1, y + 1, *below);
             have = y + 1;
-            if (tile.x < x0) draw_split(tile.x, y);
-            if (x1 < last_x) draw_split(x1, y);
+            if (tile.x < x0) draw_border(tile.x, y);
+            if (x1 < last_x) draw_border(x1, y);
             if (x0 >= x1) continue;
             kernels.cells(*above, *below, float(x0), float(y), window, size_t(x1 - x0), cells_);
             put_cells(x0, y, x1 - x0, *above, *below);
@@ -135,31 +133,33 @@ public:
 
     /// Sky where nothing stands, and what walls hide.
     void finish(const ProjectiveMap& sky_map, const Intrinsics& recorded) {
-        const size_t n = size_t(out_.x1 - out_.x0);
+        const size_t n = size_t(columns_.x1 - columns_.x0);
         std::vector<uint8_t> open(n);
         const double right = recorded.width, bottom = recorded.height;
         for (int y = y0_; y < y1_; ++y) {
-            const size_t first = size_t(y) * size_t(width_) + size_t(out_.x0);
-            raster::kernels().settle(floor_ ? &floor_->data[first] : nullptr, &out_.wall[first], n,
+            const size_t first = size_t(y) * size_t(width_) + size_t(columns_.x0);
+            raster::kernels().settle(floor_ ? &floor_->data[first] : nullptr, walls(y) + columns_.x0, n,
                                      &out_.inverse_depth.data[first], &out_.source_px.data[first].x,
                                      reinterpret_cast<uint8_t*>(&out_.sight.data[first]), open.data());
             if (view_.sky_px == 0) continue;
-            const glm::dvec3 row = sky_map.turn[1] * (y + 0.5) + sky_map.turn[2];
-            for (size_t i = 0; i < n; ++i) {
-                if (uint64_t eight; i + 8 <= n) {
-                    std::memcpy(&eight, &open[i], 8);
-                    if (eight == 0) {
-                        i += 7;
-                        continue;
-                    }
+            const glm::dvec3 along = sky_map.turn[0], row = sky_map.turn[1] * (y + 0.5) + sky_map.turn[2];
+            alignas(64) double u[raster::most_cells], v[raster::most_cells];
+            for (size_t x0 = 0; x0 < n; x0 += raster::most_cells) {
+                const size_t count = std::min(raster::most_cells, n - x0);
+                if (std::find(&open[x0], &open[x0] + count, uint8_t(1)) == &open[x0] + count) continue;
+                for (size_t i = 0; i < count; ++i) {
+                    const double px = columns_.x0 + int(x0 + i) + 0.5, z = along.z * px + row.z, share = 1 / z;
+                    // Behind V: beyond any image.
+                    u[i] = z > 1e-9 ? (along.x * px + row.x) * share : -1;
+                    v[i] = (along.y * px + row.y) * share;
                 }
-                if (!open[i]) continue;
-                const glm::dvec3 h = sky_map.turn[0] * (out_.x0 + int(i) + 0.5) + row;
-                if (!(h.z > 1e-9)) continue;
-                const double share = 1 / h.z, u = h.x * share, v = h.y * share;
-                if (!(u >= 0 && u < right && v >= 0 && v < bottom) || field_.w.at(int(u), int(v)) != 0) continue;
-                out_.source_px.data[first + i] = glm::vec2(float(u), float(v));
-                if (Sight& sight = out_.sight.data[first + i]; sight == Sight::none) sight = Sight::sky;
+                for (size_t i = 0; i < count; ++i) {
+                    if (!open[x0 + i]) continue;
+                    if (!(u[i] >= 0 && u[i] < right && v[i] >= 0 && v[i] < bottom)) continue;
+                    if (field_.w.at(int(u[i]), int(v[i])) != 0) continue;
+                    out_.source_px.data[first + x0 + i] = glm::vec2(float(u[i]), float(v[i]));
+                    if (Sight& sight = out_.sight.data[first + x0 + i]; sight == Sight::none) sight = Sight::sky;
+                }
             }
         }
     }
@@ -169,11 +169,16 @@ private:
     const SurfaceView& view_;
     const FloatMap& map_;
     const Grid<float>* floor_;
+    const Blocks* blocks_;
+    Reprojection::Columns columns_;
     Reprojection& out_;
     int width_, y0_, y1_;
+    std::vector<float> wall_;  ///< 1/Z of the nearest wall, of the band's rows
 
     raster::Row rows_[2];
     raster::Cells cells_;
+
+    float* walls(int y) { return &wall_[size_t(y - y0_) * size_t(width_)]; }
 
     void load(int x0, int x1, int y, raster::Row& row) const {
         const size_t at = size_t(y) * size_t(field_.w.width) + size_t(x0), n = size_t(x1 - x0 + 1);
@@ -191,7 +196,9 @@ private:
             const int kind = cells_.kind[i];
             if (kind == raster::nothing) continue;
             if (kind == raster::split) {
-                draw_split(x0 + i, y);
+                draw_split(x0 + i, y, [&](int c) {
+                    return own_corner(corner_dy[c] ? below : above, i + corner_dx[c], x0 + i + corner_dx[c], y + corner_dy[c]);
+                });
                 continue;
             }
             if (kind == raster::wide) {
@@ -217,16 +224,14 @@ private:
                 ceiling(std::clamp(y0, top, bottom)), ceiling(std::clamp(y1, top, bottom))};
     }
 
+    static Corner own_corner(const raster::Row& row, int at, int x, int y) {
+        return {row.x[at], row.y[at], row.q[at], row.r[at], float(x), float(y)};
+    }
+
     /// A cell that covers more pixels than the kernel takes, or is seen from behind.
     void draw_wide(int cx, int cy, const raster::Row& a, const raster::Row& b, int i) {
         const auto corner = [&](const raster::Row& row, int c) {
-            const int at = i + corner_dx[c];
-            return Corner{row.x[at],
-                          row.y[at],
-                          row.q[at],
-                          row.r[at],
-                          float(cx) + float(corner_dx[c]),
-                          float(cy) + float(corner_dy[c])};
+            return own_corner(row, i + corner_dx[c], cx + corner_dx[c], cy + corner_dy[c]);
         };
         const Corner c[4] = {corner(a, 0), corner(a, 1), corner(b, 2), corner(b, 3)};
         triangle(c[0], c[1], c[3]);
@@ -263,28 +268,37 @@ private:
             }
     }
 
-    void draw_split(int cx, int cy) {
+    /// A cell that reaches beyond the image.
+    void draw_border(int cx, int cy) {
+        draw_split(cx, cy, [&](int c) {
+            const int x = cx + corner_dx[c], y = cy + corner_dy[c];
+            return map_.corner(float(x), float(y), field_.w.at(x, y));
+        });
+    }
+
+    /// `own_at(c)`: a solid corner in V.
+    template <class OwnAt>
+    void draw_split(int cx, int cy, const OwnAt& own_at) {
         const SplitCell cell = split_cell(field_, cx, cy);
-        const float mu = float(cx) + 0.5f, mv = float(cy) + 0.5f;
         // Where each corner's surface meets the edges to its neighbours in the ring (what is joined meets at one point)
-        // and the cell's centre.
-        Corner to_next[4], to_last[4], centres[4];
-        for (int c = 0; c < 4; ++c) {
-            const int n = (c + 1) % 4;
-            const float u = float(cx) + 0.5f * float(corner_dx[c] + corner_dx[n]);
-            const float v = float(cy) + 0.5f * float(corner_dy[c] + corner_dy[n]);
-            if (cell.part[c] >= 0) to_next[c] = map_.corner(u, v, cell.towards_next[c]);
-            if (cell.joined_next[c])
-                to_last[n] = to_next[c];
-            else if (cell.part[n] >= 0)
-                to_last[n] = map_.corner(u, v, cell.towards_last[n]);
-            if (cell.part[c] == c) centres[c] = map_.corner(mu, mv, cell.centre[c]);
-        }
+        // and the cell's centre; what is not solid is not looked at.
+        constexpr float middle_u[4] = {0.5f, 1, 0.5f, 0}, middle_v[4] = {0, 0.5f, 1, 0.5f};
+        const float x = float(cx), y = float(cy);
+        alignas(16) float u[4], v[4];
+        for (int c = 0; c < 4; ++c) u[c] = x + middle_u[c], v[c] = y + middle_v[c];
+        alignas(16) const float mu[4] = {x + 0.5f, x + 0.5f, x + 0.5f, x + 0.5f},
+                                mv[4] = {y + 0.5f, y + 0.5f, y + 0.5f, y + 0.5f};
+        const float last_w[4] = {cell.towards_last[1], cell.towards_last[2], cell.towards_last[3], cell.towards_last[0]};
+        const Corners to_next(map_, u, v, cell.towards_next.data()), before(map_, u, v, last_w),
+            centres(map_, mu, mv, cell.centre.data());
+        const auto to_last = [&](int c) {
+            const int edge = (c + 3) % 4;
+            return cell.joined_next[edge] ? to_next[edge] : before[edge];
+        };
         for (int c = 0; c < 4; ++c) {
             if (cell.part[c] < 0) continue;
-            const int x = cx + corner_dx[c], y = cy + corner_dy[c];
-            const Corner own = map_.corner(float(x), float(y), field_.w.at(x, y));
-            const Corner &centre = centres[cell.part[c]], &first = to_next[c], &last = to_last[c];
+            const Corner own = own_at(c);
+            const Corner centre = centres[cell.part[c]], first = to_next[c], last = to_last(c);
             if (candidates(std::min(std::min(own.x, centre.x), std::min(first.x, last.x)),
                            std::max(std::max(own.x, centre.x), std::max(first.x, last.x)),
                            std::min(std::min(own.y, centre.y), std::min(first.y, last.y)),
@@ -297,64 +311,57 @@ private:
         for (int c = 0; c < 4; ++c) {
             const int n = (c + 1) % 4;
             if (cell.state[c] == Pixel::missing || cell.state[n] == Pixel::missing || cell.joined_next[c]) continue;
-            const auto heights = [&](int corner, bool to_next) -> std::array<float, 2> {
-                switch (cell.state[corner]) {
-                    case Pixel::solid:
-                        return {to_next ? cell.towards_next[corner] : cell.towards_last[corner],
-                                cell.centre[cell.part[corner]]};
-                    case Pixel::sky:
-                        return {0, 0};
-                    default:
-                        return {view_.wall_top, view_.wall_top};
-                }
+            // A wall between what either side reaches at the edge's middle and at the centre.
+            struct Ends {
+                Corner middle, centre;
+                float middle_w, centre_w;
             };
-            const auto from = heights(c, true), to = heights(n, false);
-            if (from == to) continue;
-            const float u = float(cx) + 0.5f * float(corner_dx[c] + corner_dx[n]);
-            const float v = float(cy) + 0.5f * float(corner_dy[c] + corner_dy[n]);
-            wall(u, v, mu, mv, from, to);
+            const auto ends = [&](int corner, const Corner& reached, float reached_w) -> Ends {
+                if (cell.state[corner] == Pixel::solid)
+                    return {reached, centres[cell.part[corner]], reached_w, cell.centre[cell.part[corner]]};
+                const float w = cell.state[corner] == Pixel::sky ? 0 : view_.wall_top;
+                return {map_.corner(u[c], v[c], w), map_.corner(mu[0], mv[0], w), w, w};
+            };
+            const Ends from = ends(c, to_next[c], cell.towards_next[c]), to = ends(n, to_last(n), cell.towards_last[n]);
+            if (from.middle_w == to.middle_w && from.centre_w == to.centre_w) continue;
+            const Corner ring[4] = {from.middle, from.centre, to.centre, to.middle};
+            const float w[4] = {from.middle_w, from.centre_w, to.centre_w, to.middle_w};
+            wall(ring, w);
         }
     }
 
-    struct WallPoint {
-        glm::vec3 h;
-        float w;
-    };
-    void wall(float u0, float v0, float u1, float v1, std::array<float, 2> from, std::array<float, 2> to) {
-        WallPoint points[8] = {{map_.at(u0, v0, from[0]), from[0]},
-                               {map_.at(u1, v1, from[1]), from[1]},
-                               {map_.at(u1, v1, to[1]), to[1]},
-                               {map_.at(u0, v0, to[0]), to[0]}};
-        int count = 4;
-        bool behind = false;
-        for (int i = 0; i < 4; ++i) behind |= !(points[i].h.z > nearest_share);
-        if (behind) {
-            WallPoint kept[8];
-            int n = 0;
-            for (int i = 0; i < 4; ++i) {
-                const WallPoint &a = points[i], &b = points[(i + 1) % 4];
-                const float da = a.h.z - nearest_share, db = b.h.z - nearest_share;
-                if (da > 0) kept[n++] = a;
-                if ((da > 0) != (db > 0)) {
-                    const float t = da / (da - db);
-                    kept[n] = {a.h + t * (b.h - a.h), a.w + t * (b.w - a.w)};
-                    kept[n].h.z = std::max(kept[n].h.z, 0.5f * nearest_share);
-                    ++n;
-                }
-            }
-            if (n < 3) return;
-            std::copy(kept, kept + n, points);
-            count = n;
+    /// Of four corners round it; w: their 1/z.
+    void wall(const Corner (&ring)[4], const float (&w)[4]) {
+        if (ring[0].r > 0 && ring[1].r > 0 && ring[2].r > 0 && ring[3].r > 0) return draw_wall(ring, 4);
+        struct Point {
+            glm::vec3 h;
+            float w;
+        };
+        Corner kept[8];
+        int n = 0;
+        const auto point = [&](int i) { return Point{map_.at(ring[i].u, ring[i].v, w[i]), w[i]}; };
+        const auto keep = [&](const Point& p) {
+            const float r = 1 / p.h.z;
+            kept[n++] = {p.h.x * r, p.h.y * r, p.w * r, r, 0, 0};
+        };
+        for (int i = 0; i < 4; ++i) {
+            const Point a = point(i), b = point((i + 1) % 4);
+            const float da = a.h.z - nearest_share, db = b.h.z - nearest_share;
+            if (da > 0) keep(a);
+            if ((da > 0) == (db > 0)) continue;
+            const float t = da / (da - db);
+            Point cut{a.h + t * (b.h - a.h), a.w + t * (b.w - a.w)};
+            cut.h.z = std::max(cut.h.z, 0.5f * nearest_share);
+            keep(cut);
         }
-        float x[8], y[8], q[8];
+        if (n >= 3) draw_wall(kept, n);
+    }
+
+    void draw_wall(const Corner* points, int count) {
         float top = std::numeric_limits<float>::infinity(), bottom = -top;
-        for (int i = 0; i < count; ++i) {
-            const float r = 1 / points[i].h.z;
-            x[i] = points[i].h.x * r, y[i] = points[i].h.y * r, q[i] = points[i].w * r;
-            top = std::min(top, y[i]), bottom = std::max(bottom, y[i]);
-        }
-        const int first = int(std::ceil(std::clamp(top - wall_reach_px, float(y0_), float(y1_))));
-        const int last = int(std::floor(std::clamp(bottom + wall_reach_px, float(y0_ - 1), float(y1_ - 1))));
+        for (int i = 0; i < count; ++i) top = std::min(top, points[i].y), bottom = std::max(bottom, points[i].y);
+        const int first = ceiling(std::clamp(top - wall_reach_px, float(y0_), float(y1_)));
+        const int last = floored(std::clamp(bottom + wall_reach_px, float(y0_ - 1), float(y1_ - 1)));
         for (int row = first; row <= last; ++row) {
             const float level = std::clamp(float(row), top, bottom);
             float left = std::numeric_limits<float>::infinity(), right = -left, q_left = 0, q_right = 0;
@@ -363,21 +370,21 @@ private:
                 if (at > right) right = at, q_right = value;
             };
             for (int i = 0; i < count; ++i) {
-                const int n = i + 1 == count ? 0 : i + 1;
-                if ((y[i] < level && y[n] < level) || (y[i] > level && y[n] > level)) continue;
-                if (y[i] == y[n]) {
-                    take(x[i], q[i]);
-                    take(x[n], q[n]);
+                const Corner &a = points[i], &b = points[i + 1 == count ? 0 : i + 1];
+                if ((a.y < level && b.y < level) || (a.y > level && b.y > level)) continue;
+                if (a.y == b.y) {
+                    take(a.x, a.q);
+                    take(b.x, b.q);
                 } else {
-                    const float t = (level - y[i]) / (y[n] - y[i]);
-                    take(x[i] + t * (x[n] - x[i]), q[i] + t * (q[n] - q[i]));
+                    const float t = (level - a.y) / (b.y - a.y);
+                    take(a.x + t * (b.x - a.x), a.q + t * (b.q - a.q));
                 }
             }
             if (!(left <= right)) continue;
-            const int x0 = int(std::ceil(std::clamp(left - wall_reach_px, 0.0f, float(width_))));
-            const int x1 = int(std::floor(std::clamp(right + wall_reach_px, -1.0f, float(width_ - 1))));
+            const int x0 = ceiling(std::clamp(left - wall_reach_px, 0.0f, float(width_)));
+            const int x1 = floored(std::clamp(right + wall_reach_px, -1.0f, float(width_ - 1)));
             const float slope = right > left ? (q_right - q_left) / (right - left) : 0;
-            float* to_wall = &out_.wall[size_t(row) * size_t(width_)];
+            float* to_wall = walls(row);
             for (int px = x0; px <= x1; ++px) {
                 const float at = std::clamp(float(px), left, right);
                 to_wall[px] = std::max(to_wall[px], q_left + slope * (at - left));
@@ -406,66 +413,64 @@ Bounds bounds_of(const SurfaceView& view, int tile_x, int tile_y) {
 
 }  // namespace
 
-bool reproject(const SurfaceView& view, const ShiftedCamera& shifted, const Grid<float>* floor, Reprojection& out) {
-    const Intrinsics& target = shifted.intrinsics;
-    const int width = target.width, height = target.height;
-    const ProjectiveMap exact =
-        projective_map(view.intrinsics, view.world_from_cam, target, shifted.world_from_cam);
-    const ProjectiveMap back = projective_map(target, shifted.world_from_cam, view.intrinsics, view.world_from_cam);
-    const FloatMap map(exact);
-    const int columns = (view.intrinsics.width + tile_columns) / tile_columns,
-              rows = (view.intrinsics.height + tile_rows) / tile_rows;
-    std::vector<Tile> tiles(size_t(columns) * size_t(rows));
+Raster::Raster(const SurfaceView& view, const ShiftedCamera& shifted)
+    : view_(view),
+      from_shifted_(projective_map(shifted.intrinsics, shifted.world_from_cam, view.intrinsics, view.world_from_cam)),
+      map_(projective_map(view.intrinsics, view.world_from_cam, shifted.intrinsics, shifted.world_from_cam)),
+      width_(shifted.intrinsics.width),
+      height_(shifted.intrinsics.height) {
+    const Intrinsics& k = view.intrinsics;
+    const int columns = (k.width + tile_columns) / tile_columns, rows = (k.height + tile_rows) / tile_rows;
+    tiles_.resize(size_t(columns) * size_t(rows));
     tbb::parallel_for(0, rows, [&](int ty) {
         for (int tx = 0; tx < columns; ++tx) {
-            Tile& tile = tiles[size_t(ty) * size_t(columns) + size_t(tx)];
+            Tile& tile = tiles_[size_t(ty) * size_t(columns) + size_t(tx)];
             tile.x = tx * tile_columns - 1, tile.y = ty * tile_rows - 1;
             tile.w = bounds_of(view, tile.x, tile.y);
             if (tile.w.low <= tile.w.high)
-                tile.reach = reach_of(map, float(tile.x), float(std::min(tile.x + tile_columns, view.intrinsics.width)),
-                                      float(tile.y), float(std::min(tile.y + tile_rows, view.intrinsics.height)),
-                                      tile.w, width, height, &tile.highest_q);
+                tile.reach = reach_of(map_, float(tile.x), float(std::min(tile.x + tile_columns, k.width)),
+                                      float(tile.y), float(std::min(tile.y + tile_rows, k.height)), tile.w, width_,
+                                      height_, &tile.highest_q);
         }
     });
-    if (floor) {
-        const Blocks blocks(*floor);
-        std::erase_if(tiles, [&](const Tile& t) { return t.reach.empty() || !blocks.any(t.reach, t.highest_q); });
-    } else {
-        std::erase_if(tiles, [](const Tile& t) { return t.reach.empty(); });
+    std::erase_if(tiles_, [](const Tile& t) { return t.reach.empty(); });
+}
+
+void Raster::band(int number, const Grid<float>* floor, Reprojection& out) const {
+    const int y0 = number * band_rows, y1 = std::min(y0 + band_rows, height_);
+    std::optional<Blocks> blocks;
+    Reprojection::Columns columns{0, width_};
+    std::vector<const Tile*> wanted;
+    if (floor) blocks.emplace(*floor, y0, y1), columns = {width_, 0};
+    for (const Tile& tile : tiles_) {
+        if (tile.reach.y0 >= y1 || tile.reach.y1 <= y0) continue;
+        if (blocks && !blocks->any(tile.reach, tile.highest_q)) continue;
+        wanted.push_back(&tile);
+        columns.x0 = std::min(columns.x0, tile.reach.x0), columns.x1 = std::max(columns.x1, tile.reach.x1);
     }
-    int x0 = floor ? width : 0, x1 = floor ? 0 : width;
-    for (const Tile& t : tiles) x0 = std::min(x0, t.reach.x0), x1 = std::max(x1, t.reach.x1);
-    if (floor && view.sky_px > 0) {  // sky: where both images meet, which are convex: probes every few pixels will do
+    if (floor && view_.sky_px > 0) {  // sky: where both images meet, which are convex: probes every few pixels will do
         constexpr int step = 8;
-        for (int y = 0; y < height + step; y += step)
-            for (int x = 0; x < width + step; x += step) {
-                const glm::dvec3 h = back.at(std::min(x, width), std::min(y, height), 0);
-                if (!(h.z > 0) || !in_image(view.intrinsics, {h.x / h.z, h.y / h.z})) continue;
-                x0 = std::min(x0, std::max(x - 2 * step, 0)), x1 = std::max(x1, std::min(x + 2 * step, width));
+        for (int y = std::max(y0 - step, 0); y < y1 + step; y += step)
+            for (int x = 0; x < width_ + step; x += step) {
+                const glm::dvec3 h = from_shifted_.at(std::min(x, width_), std::min(y, height_), 0);
+                if (!(h.z > 0) || !in_image(view_.intrinsics, {h.x / h.z, h.y / h.z})) continue;
+                columns.x0 = std::min(columns.x0, std::max(x - 2 * step, 0));
+                columns.x1 = std::max(columns.x1, std::min(x + 2 * step, width_));
             }
     }
-    if (x0 >= x1) {
-        out.x0 = out.x1 = 0;
-        return false;
-    }
-    if (out.sight.width != width || out.sight.height != height) {
-        out.sight = Grid<Sight>(width, height, Sight::none);
-        out.inverse_depth = Grid<float>(width, height, 0);
-        out.source_px = Grid<glm::vec2>(width, height, glm::vec2(0));
-    }
-    if (out.wall.size() != out.sight.size()) {
-        out.wall.resize(out.sight.size());
-    }
-    out.x0 = x0, out.x1 = x1;
-    const int bands = (height + band_rows - 1) / band_rows;
-    tbb::parallel_for(0, bands, [&](int b) {
-        const int y0 = b * band_rows, y1 = std::min(y0 + band_rows, height);
-        Band band(view, map, floor, out, y0, y1);
-        for (const Tile& tile : tiles)
-            if (tile.reach.y0 < y1 && tile.reach.y1 > y0) band.draw(tile);
-        band.finish(back, view.intrinsics);
-    });
-    return true;
+    if (columns.x0 >= columns.x1) columns = {};
+    out.columns[size_t(number)] = columns;
+    if (columns.x0 == columns.x1) return;
+    Band band(view_, map_, floor, blocks ? &*blocks : nullptr, columns, y0, y1, out);
+    for (const Tile* tile : wanted) band.draw(*tile);
+    band.finish(from_shifted_, view_.intrinsics);
+}
+
+bool reproject(const SurfaceView& view, const ShiftedCamera& shifted, const Grid<float>* floor, Reprojection& out) {
+    const Raster raster(view, shifted);
+    out.fit(shifted.intrinsics);
+    each_band(out, [&](int band) { raster.band(band, floor, out); });
+    return std::any_of(out.columns.begin(), out.columns.end(), [](const auto& c) { return c.x0 < c.x1; });
 }
 
 }  // namespace vshift

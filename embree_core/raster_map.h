@@ -26,6 +26,14 @@ inline int ceiling(float value) {
     return whole + (float(whole) < value);
 }
 
+/// std::floor likewise.
+inline int floored(float value) {
+    const int whole = int(value);
+    return whole - (float(whole) > value);
+}
+
+constexpr float reach_slack_px = 0.01f;  // walls' reach, rounding
+
 struct Range {
     int x0 = 0, x1 = 0, y0 = 0, y1 = 0;  ///< half open
     bool empty() const { return x0 >= x1 || y0 >= y1; }
@@ -57,16 +65,43 @@ struct FloatMap : raster::Map {
     }
 };
 
+/// Four corners at once, each as `FloatMap::corner` gives it.
+struct Corners {
+    Corners(const FloatMap& m, const float* us, const float* vs, const float* ws) {
+        for (int i = 0; i < 4; ++i) {
+            const float u = us[i], v = vs[i], w = ws[i];
+            const float hz = m.z[0] * u + ((m.z[1] * v + m.z[2]) + m.z[3] * w), inverse = 1 / hz;
+            const float share = hz > nearest_share ? inverse : -1.0f;
+            x[i] = (m.x[0] * u + ((m.x[1] * v + m.x[2]) + m.x[3] * w)) * share;
+            y[i] = (m.y[0] * u + ((m.y[1] * v + m.y[2]) + m.y[3] * w)) * share;
+            q[i] = w * share, r[i] = share, at_u[i] = u, at_v[i] = v;
+        }
+    }
+    Corner operator[](int i) const { return {x[i], y[i], q[i], r[i], at_u[i], at_v[i]}; }
+    alignas(16) float x[4], y[4], q[4], r[4], at_u[4], at_v[4];
+};
+
 /// Bounds of 1/z.
 struct Bounds {
     float low = std::numeric_limits<float>::infinity(), high = 0;
 };
 
+/// Cells of R that are drawn together.
+struct Tile {
+    int x = 0, y = 0;
+    Bounds w;
+    Range reach;          ///< pixels of V that it can touch
+    float highest_q = 0;  ///< in V
+};
+
+/// `reach_of` where corners lie behind V: the part in front, cut off where the kernels do.
+Range reach_in_front(const FloatMap& map, float u0, float u1, float v0, float v1, Bounds w, int width, int height,
+                     float* highest_q);
+
 /// What a box of R can reach in V: the map is fractional linear, so its bounds over a box of (u, v, w) are at the
-/// corners.
+/// corners. `highest_q`: bound of 1/Z there.
 inline Range reach_of(const FloatMap& map, float u0, float u1, float v0, float v1, Bounds w, int width, int height,
                       float* highest_q = nullptr) {
-    constexpr float slack = 0.01f;  // walls' reach, rounding
     float left = std::numeric_limits<float>::infinity(), right = -left, top = left, bottom = -left;
     float highest = 0;
     int behind = 0;
@@ -81,11 +116,11 @@ inline Range reach_of(const FloatMap& map, float u0, float u1, float v0, float v
         highest = std::max(highest, (i & 4 ? w.high : w.low) / h.z);
     }
     if (behind == 8) return {};
-    if (highest_q) *highest_q = behind ? std::numeric_limits<float>::infinity() : highest * (1 + 1e-4f);
-    if (behind) return {0, width, 0, height};
+    if (behind) return reach_in_front(map, u0, u1, v0, v1, w, width, height, highest_q);
+    if (highest_q) *highest_q = highest * (1 + 1e-4f);
     const auto whole = [](float value, int limit) { return int(std::clamp(value, 0.0f, float(limit))); };
-    return {whole(std::ceil(left - slack), width), whole(std::floor(right + slack) + 1, width),
-            whole(std::ceil(top - slack), height), whole(std::floor(bottom + slack) + 1, height)};
+    return {whole(std::ceil(left - reach_slack_px), width), whole(std::floor(right + reach_slack_px) + 1, width),
+            whole(std::ceil(top - reach_slack_px), height), whole(std::floor(bottom + reach_slack_px) + 1, height)};
 }
 
 }  // namespace vshift::raster

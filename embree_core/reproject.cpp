@@ -18,6 +18,16 @@ ProjectiveMap projective_map(const Intrinsics& from, const Pose& world_from_from
     return {pixel * to_from_from.rotation * ray, pixel * to_from_from.translation_m};
 }
 
+void Reprojection::fit(const Intrinsics& shifted) {
+    const int width = shifted.width, height = shifted.height;
+    if (sight.width != width || sight.height != height) {
+        sight = Grid<Sight>(width, height, Sight::none);
+        inverse_depth = Grid<float>(width, height, 0);
+        source_px = Grid<glm::vec2>(width, height, glm::vec2(0));
+    }
+    columns.assign(size_t((height + band_rows - 1) / band_rows), {});
+}
+
 SurfaceView surface_view(const Intrinsics& intrinsics, const Pose& world_from_cam, const DepthMap& depth,
                          const glm::dvec3& shifted_centre_m, const DepthRules& rules) {
     SurfaceView view;

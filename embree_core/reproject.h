@@ -41,15 +41,22 @@ inline bool is_seen(Sight s) {
     return s == Sight::sky || s == Sight::seen;
 }
 
-/// Per pixel of V, in its columns x0 to x1; others hold nothing.
+/// Per pixel of V, in certain columns of each band of rows; others hold nothing.
 struct Reprojection {
-    int x0 = 0, x1 = 0;
+    static constexpr int band_rows = 32;
+    struct Columns {
+        int x0 = 0, x1 = 0;  ///< half open
+        bool holds(int x) const { return x >= x0 && x < x1; }
+    };
+    std::vector<Columns> columns;  ///< by band
     Grid<Sight> sight;
     Grid<float> inverse_depth;    ///< 1/Z in V of the nearest kept surface, also where a wall stands before it; else 0
     Grid<glm::vec2> source_px;    ///< where that surface (or the sky) lies in the recorded image
-    std::vector<float> wall;      ///< scratch: 1/Z of the nearest wall
 
-    bool holds(int x) const { return x >= x0 && x < x1; }
+    int bands() const { return int(columns.size()); }
+    bool holds(int x, int y) const { return columns[size_t(y / band_rows)].holds(x); }
+    /// Makes room for V's pixels, and holds none of them.
+    void fit(const Intrinsics& shifted);
 };
 
 /// By rasterising. `floor` (null: 0 everywhere): only surfaces with a greater 1/Z are answered, in as many columns as it

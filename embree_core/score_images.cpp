@@ -39,13 +39,6 @@ struct TrueView {
     }
 };
 
-ColorImage color_of(const Channels& image) {
-    ColorImage out(image.width, image.height);
-    const auto &r = image.plane("R"), &g = image.plane("G"), &b = image.plane("B");
-    for (size_t i = 0; i < out.size(); ++i) out.data[i] = {r[i], g[i], b[i]};
-    return out;
-}
-
 struct Sets {
     const Recipe& recipe;
     const Manifest& manifest;
@@ -67,7 +60,7 @@ struct Sets {
                                                  std::to_string(camera.intrinsics.width) + "x" +
                                                  std::to_string(camera.intrinsics.height));
         TrueView out;
-        out.linear = color_of(image);
+        out.linear = image.color();
         out.shown = srgb_from_linear(out.linear);
         out.depth = DepthMap(image.width, image.height);
         out.depth.data = image.plane("Z");
@@ -92,7 +85,7 @@ struct Sets {
             throw Error(ExitCode::bad_input, file.string() + ": size: got " + std::to_string(image.width) + "x" +
                                                  std::to_string(image.height) + ", expected " +
                                                  std::to_string(truth.width) + "x" + std::to_string(truth.height));
-        return color_of(image);
+        return image.color();
     }
 };
 
@@ -296,7 +289,6 @@ ordered_json consistency_of(const std::vector<Unit>& units, std::vector<PairRow>
 }
 
 double median(std::vector<double> values) {
-    if (values.empty()) return 0;
     std::nth_element(values.begin(), values.begin() + std::ptrdiff_t(values.size() / 2), values.end());
     return values[values.size() / 2];
 }
@@ -310,18 +302,14 @@ ordered_json times_of(const Sets& sets) {
         const ordered_json rows = ordered_json::parse(read_whole_file(file, size_t(256) << 20), nullptr, false);
         if (!rows.is_array())
             throw Error(ExitCode::bad_input, file.string() + ": json: got something else, expected a list of runs");
-        std::vector<double> fill, warp, holes;
-        for (const auto& row : rows) {
-            const auto number = [&](const char* key) {
-                return row.is_object() && row.contains(key) && row[key].is_number() ? row[key].get<double>() : 0.0;
-            };
-            fill.push_back(number("fill_ms")), warp.push_back(number("warp_ms")), holes.push_back(number("hole_px"));
+        ordered_json times{{"arm", arm}, {"views", rows.size()}};
+        for (const char* key : {"fill_cpu_ms", "warp_cpu_ms", "fill_ms", "warp_ms", "hole_px"}) {
+            std::vector<double> values;
+            for (const auto& row : rows)
+                if (row.is_object() && row.contains(key) && row[key].is_number()) values.push_back(row[key]);
+            times[key] = values.empty() ? ordered_json() : ordered_json(median(values));
         }
-        out.push_back({{"arm", arm},
-                       {"views", rows.size()},
-                       {"fill_ms", median(fill)},
-                       {"warp_ms", median(warp)},
-                       {"hole_px", median(holes)}});
+        out.push_back(std::move(times));
     }
     return out;
 }

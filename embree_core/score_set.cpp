@@ -182,17 +182,10 @@ Rows score_hole_item(const Item& item, const fs::path& got_file, const fs::path&
     return rows;
 }
 
-ColorImage color_of(const Channels& image) {
-    ColorImage out(image.width, image.height);
-    const auto &r = image.plane("R"), &g = image.plane("G"), &b = image.plane("B");
-    for (size_t i = 0; i < out.size(); ++i) out.data[i] = {r[i], g[i], b[i]};
-    return out;
-}
-
 Rows score_warp_item(const Item& item, const fs::path& got_file, const fs::path& truth_file) {
     const Channels got = read_image(got_file), truth = read_image(truth_file);
     check_sizes(got, got_file, truth);
-    const ColorImage shown = srgb_from_linear(color_of(got)), wanted = srgb_from_linear(color_of(truth));
+    const ColorImage shown = srgb_from_linear(got.color()), wanted = srgb_from_linear(truth.color());
     const std::vector<float>&hole = got.plane("hole"), &klass = truth.plane("truth.class");
     Mask seen(got.width, got.height), all(got.width, got.height, 1);
     for (size_t i = 0; i < seen.size(); ++i) {
@@ -327,7 +320,7 @@ ordered_json score_pair(const fs::path& got_file, const fs::path& truth_file, co
             add_mask_scores(out["channels"][channel], mask_of(got, channel), mask_of(truth, channel),
                             where ? &*where : nullptr);
     if (got.has("R") && got.has("G") && got.has("B") && truth.has("R") && truth.has("G") && truth.has("B")) {
-        const RegionScore s = score_region(compare_images(color_of(got), color_of(truth)), where ? &*where : nullptr);
+        const RegionScore s = score_region(compare_images(got.color(), truth.color()), where ? &*where : nullptr);
         const double n = double(s.pixels);
         out.update(image_score_fields(s.pixels, s.psnr_db(), s.ssim / n, s.ms_ssim, s.flip / n, s.gradient_error / n,
                                       s.sharpness()));

@@ -8,6 +8,9 @@
 #include <cstring>
 #include <limits>
 #include <list>
+#include <memory>
+
+#include "embree_core/raster.h"
 
 namespace vshift {
 namespace {
@@ -87,87 +90,80 @@ std::optional<glm::vec2> seen_at(const Neighbor& n, const glm::dvec3& from, cons
 /// 1/Z in V above which a neighbour's surface is news to the own camera: 0 where that gave no colour; else where the
 /// pixel's ray has left its frame towards V, and nearer than what it saw there. In its pixels and w = 1/Z of V the
 /// planes of its frustum are a(x, y) + m w >= 0.
-void find_floor(const SurfaceView& own, const ShiftedCamera& shifted, const Reprojection& shown, const Mask& missing,
-                double tolerance, Grid<float>& out) {
-    const Intrinsics &k = own.intrinsics, &target = shifted.intrinsics;
-    if (out.width != target.width || out.height != target.height) out = Grid<float>(target.width, target.height);
-    const ProjectiveMap map = projective_map(target, shifted.world_from_cam, k, own.world_from_cam);
+class Floor {
+public:
+    Floor(const SurfaceView& own, const ShiftedCamera& shifted, double tolerance)
+        : width_(shifted.intrinsics.width), nearer_(float(1 / (1 - tolerance))) {
+        const Intrinsics& k = own.intrinsics;
+        const ProjectiveMap map =
+            projective_map(shifted.intrinsics, shifted.world_from_cam, k, own.world_from_cam);
+        const auto plane = [&](double x, double y, double z) {
+            const glm::dvec3 of(x, y, z);
+            return Plane{glm::dot(of, map.move), of * map.turn};
+        };
+        planes_ = {plane(1, 0, 0), plane(-1, 0, k.width), plane(0, 1, 0), plane(0, -1, k.height)};
+        std::erase_if(planes_, [](const Plane& p) { return !(p.m < 0); });
+    }
+    void row(int y, const float* shown_q, const uint8_t* missing, float* out) const {
+        constexpr float never = std::numeric_limits<float>::infinity(), least = std::numeric_limits<float>::min();
+        std::fill_n(out, width_, never);
+        for (const Plane& p : planes_) {
+            const float step = float(-p.a.x / p.m), start = float(-(p.a.x * 0.5 + p.a.y * (y + 0.5) + p.a.z) / p.m);
+            for (int x = 0; x < width_; ++x) out[x] = std::min(out[x], start + step * float(x));
+        }
+        for (int x = 0; x < width_; ++x) {
+            const float here = std::max(std::max(out[x], shown_q[x] * nearer_), least);
+            out[x] = missing[x] ? 0.0f : here;
+        }
+    }
+
+private:
     struct Plane {
         double m;
         glm::dvec3 a;
     };
-    const auto plane = [&](double x, double y, double z) {
-        const glm::dvec3 of(x, y, z);
-        return Plane{glm::dot(of, map.move), of * map.turn};
-    };
-    std::vector<Plane> planes{plane(1, 0, 0), plane(-1, 0, k.width), plane(0, 1, 0), plane(0, -1, k.height)};
-    std::erase_if(planes, [](const Plane& p) { return !(p.m < 0); });
-    constexpr float never = std::numeric_limits<float>::infinity(), least = std::numeric_limits<float>::min();
-    const float nearer = float(1 / (1 - tolerance));
-    tbb::parallel_for(0, target.height, [&](int y) {
-        const size_t first = size_t(y) * size_t(target.width);
-        float* const row = &out.data[first];
-        std::fill_n(row, target.width, never);
-        for (const Plane& p : planes) {
-            const float step = float(-p.a.x / p.m), start = float(-(p.a.x * 0.5 + p.a.y * (y + 0.5) + p.a.z) / p.m);
-            for (int x = 0; x < target.width; ++x) row[x] = std::min(row[x], start + step * float(x));
-        }
-        for (int x = 0; x < target.width; ++x) {
-            const float here = std::max({row[x], shown.inverse_depth.data[first + size_t(x)] * nearer, least});
-            row[x] = missing.data[first + size_t(x)] ? 0.0f : here;
-        }
-    });
-}
+    std::vector<Plane> planes_;
+    int width_;
+    float nearer_;
+};
 
-}  // namespace
+/// The shifted view's rows, once the own camera's and the neighbours' are drawn.
+class ShiftedRows {
+public:
+    ShiftedRows(const ShiftedCamera& shifted, int own_index, const Sampler& own_sampler, const SeamOptions& options,
+                const std::list<Neighbor>& neighbors, ShiftedSeam& out)
+        : width_(shifted.intrinsics.width),
+          own_index_(own_index),
+          own_sampler_(own_sampler),
+          options_(options),
+          centre_(shifted.world_from_cam.translation_m),
+          out_(out),
+          neighbors_(neighbors) {
+        const Intrinsics& k = shifted.intrinsics;
+        for (int x = 0; x < k.width; ++x)
+            along_x_.push_back(shifted.world_from_cam.direction({(x + 0.5 - k.cx) / k.fx, 0, 0}));
+        for (int y = 0; y < k.height; ++y)
+            along_y_.push_back(shifted.world_from_cam.direction({0, (y + 0.5 - k.cy) / k.fy, 1}));
+    }
 
-void seam_shifted(const std::vector<SeamCamera>& rig, int own_index, const ShiftedCamera& shifted,
-                  const SeamOptions& options, ShiftedSeam& out) {
-    const SeamCamera& own = rig.at(size_t(own_index));
-    const Intrinsics& k = shifted.intrinsics;
-    const auto show = [&](const SeamCamera& camera, const Grid<float>* floor, Reprojection& shown) {
-        if (!camera.lifted) return reproject(*camera.surface, shifted, floor, shown);
-        cast(*camera.lifted, shifted, shown);
-        return true;
-    };
-    show(own, nullptr, out.own);
-    const Sampler own_sampler(
-        field_of(*own.surface), *own.image,
-        projective_map(own.surface->intrinsics, own.surface->world_from_cam, k, shifted.world_from_cam));
-    warp(out.own, own_sampler, options.edge, out.seam.color, out.missing);
-    find_floor(*own.surface, shifted, out.own, out.missing, options.depth_tolerance, out.floor);
-    if (out.seam.source.size() != out.missing.size() || out.seam.source.width != k.width)
-        out.seam.source = Grid<int16_t>(k.width, k.height);
-
-    std::list<Neighbor> neighbors = neighbors_of(rig, own_index, k, shifted.world_from_cam);
-    out.neighbors.resize(neighbors.size());
-    size_t place = 0;
-    std::erase_if(neighbors, [&](Neighbor& n) {
-        n.shown = &out.neighbors[place++];
-        return !show(*n.camera, &out.floor, *n.shown);
-    });
-    const glm::dvec3 centre = shifted.world_from_cam.translation_m;
-    const Pose& world_from_v = shifted.world_from_cam;
-    std::vector<glm::dvec3> along_x(size_t(k.width));  // a ray is the sum of its column's part and its row's
-    for (int x = 0; x < k.width; ++x)
-        along_x[size_t(x)] = world_from_v.direction({(x + 0.5 - k.cx) / k.fx, 0, 0});
-    if (out.asked.size() != out.missing.size()) out.asked.resize(out.missing.size());
-    if (options.depth && (out.inverse_depth.width != k.width || out.inverse_depth.height != k.height))
-        out.inverse_depth = Grid<float>(k.width, k.height);
-    tbb::parallel_for(0, k.height, [&](int y) {
-        const size_t first = size_t(y) * size_t(k.width);
-        uint8_t* const asked = &out.asked[first];
-        const glm::dvec3 row_along = world_from_v.direction({0, (y + 0.5 - k.cy) / k.fy, 1});
-        std::copy_n(&out.missing.data[first], k.width, asked);
-        for (const Neighbor& n : neighbors) {
-            const float *q = &n.shown->inverse_depth.data[first], *floor = &out.floor.data[first];
-            for (int x = n.shown->x0; x < n.shown->x1; ++x) asked[x] |= q[x] > floor[x];
-        }
-        std::fill_n(&out.seam.source.data[first], k.width, int16_t(own_index));
-        if (options.depth)
-            std::copy_n(&out.own.inverse_depth.data[first], k.width, &out.inverse_depth.data[first]);
-        for (int x = 0; x < k.width; ++x) {
-            if (uint64_t eight; x + 8 <= k.width) {
+    void decide(int y) const {
+        const size_t first = size_t(y) * size_t(width_);
+        std::vector<Row> rows;
+        for (const Neighbor& n : neighbors_)
+            if (const auto columns = n.shown->columns[size_t(y / Reprojection::band_rows)]; columns.x0 < columns.x1)
+                rows.push_back({&n, columns, &n.shown->inverse_depth.data[first], &n.shown->sight.data[first],
+                                &n.shown->source_px.data[first]});
+        uint8_t* const asked = &out_.asked[first];
+        const uint8_t* const missing = &out_.missing.data[first];
+        const float *const floor = &out_.floor.data[first], *const own_q = &out_.own.inverse_depth.data[first];
+        std::copy_n(missing, width_, asked);
+        for (const Row& n : rows)
+            for (int x = n.columns.x0; x < n.columns.x1; ++x) asked[x] |= n.q[x] > floor[x];
+        int16_t* const source = &out_.seam.source.data[first];
+        std::fill_n(source, width_, int16_t(own_index_));
+        if (options_.depth) std::copy_n(own_q, width_, &out_.inverse_depth.data[first]);
+        for (int x = 0; x < width_; ++x) {
+            if (uint64_t eight; x + 8 <= width_) {
                 std::memcpy(&eight, asked + x, 8);
                 if (eight == 0) {
                     x += 7;
@@ -175,39 +171,147 @@ void seam_shifted(const std::vector<SeamCamera>& rig, int own_index, const Shift
                 }
             }
             if (!asked[x]) continue;
+            float front = missing[x] ? own_q[x] : floor[x];
+            for (const Row& n : rows)
+                if (n.columns.holds(x)) front = std::max(front, n.q[x]);
+            const float least = front * float(1 - options_.depth_tolerance);
+            const Row* candidate = nullptr;
+            int candidates = 0;
+            for (const Row& n : rows)
+                if (n.columns.holds(x) && is_seen(n.sight[x]) && !(n.q[x] < std::max(least, floor[x])))
+                    candidate = &n, ++candidates;
+            const bool own_stands = missing[x] && is_seen(out_.own.sight.data[first + size_t(x)]) && own_q[x] >= least;
+            bool mixed = true;
+            if (candidates > 1)
+                candidate = best_of(rows, x, y, std::max(least, floor[x]), mixed);
+            else if (candidate && own_stands)
+                mixed = options_.edge == EdgeBand::drop && candidate->of->sampler.is_edge(candidate->source_px[x]);
             const size_t at = first + size_t(x);
-            float front = out.missing.data[at] ? out.own.inverse_depth.data[at] : out.floor.data[at];
-            for (const Neighbor& n : neighbors)
-                if (n.shown->holds(x)) front = std::max(front, n.shown->inverse_depth.data[at]);
-            const float least = front * float(1 - options.depth_tolerance);
-            const glm::vec2 px(x + 0.5f, y + 0.5f);
-            const glm::dvec3 along = along_x[size_t(x)] + row_along;
-            Choice best;
-            for (const Neighbor& n : neighbors) {
-                if (!n.shown->holds(x) || !is_seen(n.shown->sight.data[at])) continue;
-                const float q = n.shown->inverse_depth.data[at];
-                if (q < std::max(least, out.floor.data[at])) continue;
-                const double t = 1 / double(q);
-                const double cosine = q > 0 ? direction_cosine(n, centre + t * along, along) : 1;
-                best.offer(n, n.shown->source_px.data[at], options.edge, cosine, t);
-            }
-            const float own_q = out.own.inverse_depth.data[at];
-            const bool own_mixed =
-                best.mixed && out.missing.data[at] && is_seen(out.own.sight.data[at]) && own_q >= least;
-            float shown_q = own_q;
-            if (own_mixed) {
-                out.seam.color.data[at] = own_sampler.at(out.own.source_px.data[at], px);
-            } else if (best.of) {
-                shown_q = best.of->shown->inverse_depth.data[at];
-                out.seam.source.data[at] = int16_t(best.of->index);
-                out.seam.color.data[at] = best.of->color(best.source_px, px, centre, along, best.t);
+            float shown_q = own_q[x];
+            if (mixed && own_stands) {
+                out_.seam.color.data[at] = own_sampler_.at(out_.own.source_px.data[at], {x + 0.5f, y + 0.5f});
+            } else if (candidate) {
+                shown_q = candidate->q[x];
+                source[x] = int16_t(candidate->of->index);
             } else {
                 shown_q = std::numeric_limits<float>::quiet_NaN();
-                out.seam.source.data[at] = -1;
-                out.seam.color.data[at] = glm::vec3(0);
+                source[x] = -1;
+                out_.seam.color.data[at] = glm::vec3(0);
             }
-            if (options.depth) out.inverse_depth.data[at] = shown_q;
+            if (options_.depth) out_.inverse_depth.data[at] = shown_q;
         }
+        for (const Row& n : rows) color(n, y, source, &out_.seam.color.data[first]);
+    }
+
+private:
+    struct Row {
+        const Neighbor* of;
+        Reprojection::Columns columns;
+        const float* q;
+        const Sight* sight;
+        const glm::vec2* source_px;
+    };
+    int width_, own_index_;
+    const Sampler& own_sampler_;
+    const SeamOptions& options_;
+    glm::dvec3 centre_;
+    ShiftedSeam& out_;
+    const std::list<Neighbor>& neighbors_;
+    std::vector<glm::dvec3> along_x_, along_y_;
+
+    glm::dvec3 along(int x, int y) const { return along_x_[size_t(x)] + along_y_[size_t(y)]; }
+
+    const Row* best_of(const std::vector<Row>& rows, int x, int y, float least, bool& mixed) const {
+        Choice best;
+        const Row* found = nullptr;
+        for (const Row& n : rows) {
+            if (!n.columns.holds(x) || !is_seen(n.sight[x]) || n.q[x] < least) continue;
+            const double t = 1 / double(n.q[x]);
+            const glm::dvec3 direction = along(x, y);
+            const double cosine = n.q[x] > 0 ? direction_cosine(*n.of, centre_ + t * direction, direction) : 1;
+            best.offer(*n.of, n.source_px[x], options_.edge, cosine, t);
+            if (best.of == n.of) found = &n;
+        }
+        mixed = best.mixed;
+        return found;
+    }
+
+    /// The colours of the pixels that a neighbour gives.
+    void color(const Row& n, int y, const int16_t* source, glm::vec3* out) const {
+        constexpr int most = 64, fewest = 4;  // a run costs as much as a few pixels by themselves
+        for (int x0 = n.columns.x0; x0 < n.columns.x1; x0 += most) {
+            const int count = std::min(most, n.columns.x1 - x0);
+            int wanted = 0;
+            Sight sight[most];
+            for (int i = 0; i < count; ++i) {
+                const bool is = source[x0 + i] == n.of->index;
+                wanted += is;
+                sight[i] = is ? Sight::seen : Sight::none;
+            }
+            if (wanted == 0) continue;
+            if (wanted < fewest || n.of->camera->bent) {
+                for (int x = x0; x < x0 + count; ++x)
+                    if (sight[x - x0] == Sight::seen)
+                        out[x] = n.of->color(n.source_px[x], {x + 0.5f, y + 0.5f}, centre_, along(x, y),
+                                             1 / double(n.q[x]));
+                continue;
+            }
+            glm::vec3 run[most];
+            uint8_t missing[most];
+            n.of->sampler.run(n.source_px + x0, {x0 + 0.5f, y + 0.5f}, size_t(count), sight, EdgeBand::keep, run, missing);
+            for (int i = 0; i < count; ++i)
+                if (sight[i] == Sight::seen) out[x0 + i] = n.of->camera->gain * run[i];
+        }
+    }
+};
+
+}  // namespace
+
+void seam_shifted(const std::vector<SeamCamera>& rig, int own_index, const ShiftedCamera& shifted,
+                  const SeamOptions& options, ShiftedSeam& out) {
+    const SeamCamera& own = rig.at(size_t(own_index));
+    const Intrinsics& k = shifted.intrinsics;
+    const size_t pixels = size_t(k.width) * size_t(k.height);
+    std::list<Neighbor> neighbors = neighbors_of(rig, own_index, k, shifted.world_from_cam);
+    out.neighbors.resize(neighbors.size());
+    std::vector<Reprojection*> shown(rig.size(), &out.own);
+    size_t place = 0;
+    for (Neighbor& n : neighbors) shown[size_t(n.index)] = n.shown = &out.neighbors[place++];
+    if (out.seam.color.width != k.width || out.seam.color.height != k.height)
+        out.seam.color = ColorImage(k.width, k.height);
+    if (out.missing.width != k.width || out.missing.height != k.height) {
+        out.missing = Mask(k.width, k.height);
+        out.seam.source = Grid<int16_t>(k.width, k.height);
+        out.floor = Grid<float>(k.width, k.height);
+    }
+    out.asked.resize(pixels);
+    if (options.depth && (out.inverse_depth.width != k.width || out.inverse_depth.height != k.height))
+        out.inverse_depth = Grid<float>(k.width, k.height);
+
+    std::vector<std::unique_ptr<Raster>> rasters(rig.size());
+    tbb::parallel_for(size_t(0), rig.size(), [&](size_t i) {
+        if (rig[i].lifted) return cast(*rig[i].lifted, shifted, *shown[i]);
+        shown[i]->fit(k);
+        rasters[i] = std::make_unique<Raster>(*rig[i].surface, shifted);
+    });
+    const auto draw = [&](int index, int band, const Grid<float>* floor) {
+        if (const auto& raster = rasters[size_t(index)]) raster->band(band, floor, *shown[size_t(index)]);
+    };
+    const Sampler own_sampler(
+        field_of(*own.surface), *own.image,
+        projective_map(own.surface->intrinsics, own.surface->world_from_cam, k, shifted.world_from_cam));
+    const Floor floor(*own.surface, shifted, options.depth_tolerance);
+    const ShiftedRows rows(shifted, own_index, own_sampler, options, neighbors, out);
+    each_band(out.own, [&](int band) {
+        const int y0 = band * Reprojection::band_rows, y1 = std::min(y0 + Reprojection::band_rows, k.height);
+        draw(own_index, band, nullptr);
+        for (int y = y0; y < y1; ++y) {
+            const size_t first = size_t(y) * size_t(k.width);
+            warp_row(out.own, own_sampler, options.edge, y, out.seam.color, out.missing);
+            floor.row(y, &out.own.inverse_depth.data[first], &out.missing.data[first], &out.floor.data[first]);
+        }
+        for (const Neighbor& n : neighbors) draw(n.index, band, &out.floor);
+        for (int y = y0; y < y1; ++y) rows.decide(y);
     });
 }
 

@@ -90,8 +90,17 @@ inline bool Sampler::is_edge(const Place& at) const {
         const float xu = x_[0] + x_[3] * wx - shifted_px.x * zu, xv = x_[1] + x_[3] * wy - shifted_px.x * zv;
         const float yu = y_[0] + y_[3] * wx - shifted_px.y * zu, yv = y_[1] + y_[3] * wy - shifted_px.y * zv;
         const float area = std::fabs(xu * yv - xv * yu), scale = std::fabs(hz);
-        const float across = scale * (std::fabs(yv) + std::fabs(xv)), down = scale * (std::fabs(yu) + std::fabs(xu));
-        if (std::max(across, down) > plain_width_px * area) return wide(at, glm::vec2(across, down) / area);
+        float across = scale * (std::fabs(yv) + std::fabs(xv)), down = scale * (std::fabs(yu) + std::fabs(xu));
+        if (std::max(across, down) > plain_width_px * area) {
+            // Not a shear, which samples as densely as before: V's steps on R (times area / scale), the longer one less the
+            // nearest multiple of the shorter.
+            glm::vec2 a(yv, -yu), b(-xv, xu);
+            const float aa = a.x * a.x + a.y * a.y, bb = b.x * b.x + b.y * b.y, ab = a.x * b.x + a.y * b.y;
+            const float times = std::nearbyint(ab / std::min(aa, bb));
+            (aa < bb ? b : a) -= times * (aa < bb ? a : b);
+            across = scale * (std::fabs(a.x) + std::fabs(b.x)), down = scale * (std::fabs(a.y) + std::fabs(b.y));
+            if (std::max(across, down) > plain_width_px * area) return wide(at, glm::vec2(across, down) / area);
+        }
     }
     if (!whole) return torn(at);
     const float fx = at.dx < 0 ? at.dx + 1 : at.dx, fy = at.dy < 0 ? at.dy + 1 : at.dy;
@@ -244,14 +253,16 @@ void fit(int width, int height, ColorImage& color, Mask& missing) {
 
 }  // namespace
 
+void warp_row(const Reprojection& shown, const Sampler& sampler, EdgeBand edge, int y, ColorImage& color, Mask& missing) {
+    const size_t width = size_t(shown.sight.width), first = size_t(y) * width;
+    sampler.run(&shown.source_px.data[first], {0.5f, float(y) + 0.5f}, width, &shown.sight.data[first], edge,
+                &color.data[first], &missing.data[first]);
+}
+
 void warp(const Reprojection& shown, const Sampler& sampler, EdgeBand edge, ColorImage& color, Mask& missing) {
-    const int width = shown.sight.width, height = shown.sight.height;
-    fit(width, height, color, missing);
-    tbb::parallel_for(0, height, [&](int y) {
-        const size_t first = size_t(y) * size_t(width);
-        sampler.run(&shown.source_px.data[first], {0.5f, float(y) + 0.5f}, size_t(width), &shown.sight.data[first], edge,
-                    &color.data[first], &missing.data[first]);
-    });
+    fit(shown.sight.width, shown.sight.height, color, missing);
+    tbb::parallel_for(0, shown.sight.height,
+                      [&](int y) { warp_row(shown, sampler, edge, y, color, missing); });
 }
 
 Warped warp(const Reprojection& shown, const Sampler& sampler, EdgeBand edge) {

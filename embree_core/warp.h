@@ -53,6 +53,8 @@ struct Warped {
 Warped warp(const Reprojection& shown, const Sampler& sampler, EdgeBand edge);
 /// The same into memory of an earlier frame.
 void warp(const Reprojection& shown, const Sampler& sampler, EdgeBand edge, ColorImage& color, Mask& missing);
+/// One row of it.
+void warp_row(const Reprojection& shown, const Sampler& sampler, EdgeBand edge, int y, ColorImage& color, Mask& missing);
 /// The same from the whole rig: `samplers[k]` belongs to view k.
 Warped warp(const ShiftedHoles& seen, const std::vector<Sampler>& samplers, EdgeBand edge);
 

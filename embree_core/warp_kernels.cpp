@@ -53,11 +53,11 @@ void plan(const Surface& s, const float* source_px, float x0, float y, size_t n,
         const VI below = hn::Add(at, width);
         const V w00 = hn::GatherIndex(f, s.w, at), w10 = hn::GatherIndex(f, s.w + 1, at),
                 w01 = hn::GatherIndex(f, s.w, below), w11 = hn::GatherIndex(f, s.w + 1, below);
-        // Tears of the four and of all round them, four bytes at once: from the pixel before them to the one after.
-        const auto tears = [&](VI index) {
-            return hn::GatherOffset(d, reinterpret_cast<const int32_t*>(s.tears - 1), index);
+        // Tears round the ring of the four, as SurfaceField::whole: where there are none the place is no edge either.
+        const auto tears = [&](VI index, int32_t bits) {
+            return hn::And(hn::GatherOffset(d, reinterpret_cast<const int32_t*>(s.tears), index), hn::Set(d, bits));
         };
-        const VI torn = hn::Or(tears(hn::Sub(at, width)), hn::Or(tears(at), tears(below)));
+        const VI torn = hn::Or(tears(at, 0x0203), tears(below, 0x0001));
         const M whole = hn::And(hn::And(hn::Gt(w00, zero), hn::Gt(w10, zero)),
                                 hn::And(hn::And(hn::Gt(w01, zero), hn::Gt(w11, zero)),
                                         hn::RebindMask(f, hn::And(inner, hn::Eq(torn, hn::Zero(d))))));
@@ -77,10 +77,24 @@ void plan(const Surface& s, const float* source_px, float x0, float y, size_t n,
         const V yu = hn::Sub(scaled(s.y, 0, wx), hn::Mul(shifted_y, zu)),
                 yv = hn::Sub(scaled(s.y, 1, wy), hn::Mul(shifted_y, zv));
         const V area = hn::Abs(hn::Sub(hn::Mul(xu, yv), hn::Mul(xv, yu))), scale = hn::Abs(hz);
-        const V across = hn::Mul(scale, hn::Add(hn::Abs(yv), hn::Abs(xv))),
-                down = hn::Mul(scale, hn::Add(hn::Abs(yu), hn::Abs(xu)));
-        const M small = hn::And(whole, hn::Gt(hn::IfThenElse(hn::Lt(across, down), down, across),
-                                              hn::Mul(hn::Set(f, plain_width_px), area)));
+        V across = hn::Mul(scale, hn::Add(hn::Abs(yv), hn::Abs(xv))),
+          down = hn::Mul(scale, hn::Add(hn::Abs(yu), hn::Abs(xu)));
+        const auto too_wide = [&] {
+            return hn::Gt(hn::IfThenElse(hn::Lt(across, down), down, across), hn::Mul(hn::Set(f, plain_width_px), area));
+        };
+        M small = hn::And(whole, too_wide());
+        if (!hn::AllFalse(f, small)) {  // but for shears, as the sampler's steps
+            const V ax = yv, ay = hn::Neg(yu), bx = hn::Neg(xv), by = xu;
+            const V aa = hn::Add(hn::Mul(ax, ax), hn::Mul(ay, ay)), bb = hn::Add(hn::Mul(bx, bx), hn::Mul(by, by)),
+                    ab = hn::Add(hn::Mul(ax, bx), hn::Mul(ay, by));
+            const M shorter = hn::Lt(aa, bb);
+            const V times = hn::Round(hn::Div(ab, hn::IfThenElse(shorter, aa, bb)));
+            const V lx = hn::IfThenElse(shorter, bx, ax), ly = hn::IfThenElse(shorter, by, ay),
+                    sx = hn::IfThenElse(shorter, ax, bx), sy = hn::IfThenElse(shorter, ay, by);
+            across = hn::Mul(scale, hn::Add(hn::Abs(hn::Sub(lx, hn::Mul(times, sx))), hn::Abs(sx)));
+            down = hn::Mul(scale, hn::Add(hn::Abs(hn::Sub(ly, hn::Mul(times, sy))), hn::Abs(sy)));
+            small = hn::And(small, too_wide());
+        }
         hn::StoreU(hn::IfThenElseZero(
                        hn::RebindMask(d, whole),
                        hn::IfThenElse(hn::RebindMask(d, small), hn::Set(d, int32_t(tent)), hn::Set(d, int32_t(plain)))),

@@ -12,12 +12,6 @@ using Json = nlohmann::ordered_json;
 
 namespace {
 
-std::vector<float> channel(const ColorImage& image, int c) {
-    std::vector<float> plane(image.size());
-    for (size_t i = 0; i < plane.size(); ++i) plane[i] = image.data[i][c];
-    return plane;
-}
-
 /// Millimetres in 16 bits; what does not fit (beyond 65.535 m, sky) is 0: no measurement.
 std::vector<float> millimetres(const DepthMap& depth) {
     std::vector<float> plane(depth.size());
@@ -53,12 +47,6 @@ Channels sized(int width, int height) {
     return out;
 }
 
-void add_color(Channels& out, const ColorImage& image) {
-    out.add("R", channel(image, 0));
-    out.add("G", channel(image, 1));
-    out.add("B", channel(image, 2));
-}
-
 void add_flags(Channels& out, const std::string& name, const Grid<uint8_t>& flags, unsigned bits) {
     std::vector<float> plane(flags.size());
     for (size_t i = 0; i < plane.size(); ++i) plane[i] = (flags.data[i] & bits) ? 1.0f : 0.0f;
@@ -68,7 +56,7 @@ void add_flags(Channels& out, const std::string& name, const Grid<uint8_t>& flag
 void write_view(const fs::path& folder, const std::string& camera, const Picture& picture,
                 const std::string& depth_kind) {
     Channels image = sized(picture.depth.width, picture.depth.height);
-    add_color(image, picture.color);
+    image.add_color(picture.color);
     if (depth_kind == "exr") image.add("Z", picture.depth.data);
     write_image(folder / (camera + ".exr"), image);
     if (depth_kind == "exr") return;

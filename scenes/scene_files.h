@@ -16,7 +16,6 @@ std::string frame_folder(size_t index);
 nlohmann::ordered_json rotation_of(const glm::dmat3& rotation);  ///< w,x,y,z
 nlohmann::ordered_json vector_of(const glm::dvec3& v);
 Channels sized(int width, int height);
-void add_color(Channels& out, const ColorImage& image);
 /// A channel that is 1 where any of the bits is set.
 void add_flags(Channels& out, const std::string& name, const Grid<uint8_t>& flags, unsigned bits);
 /// FOLDER/CAMERA.exr with R,G,B and, as `depth_kind` says ("exr", "png", "pfm", "npy"), Z in it or beside it.

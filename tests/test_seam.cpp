@@ -162,7 +162,7 @@ TEST_CASE("what stands outside the own frame hides what the own camera saw", "[s
             const float floor = got.floor.data[at], q = full.inverse_depth.data[at];
             const bool asked = q > floor || (floor == 0 && full.sight.data[at] != Sight::none);
             above += asked && floor > 0;
-            if (!some.holds(x))
+            if (!some.holds(x, y))
                 differ += asked;
             else if (asked)
                 differ += some.inverse_depth.data[at] != q || some.sight.data[at] != full.sight.data[at] ||

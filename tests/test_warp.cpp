@@ -1,5 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The rasteriser against rays, and warps in closed form (painted_support.h).
+#include <glm/gtc/quaternion.hpp>
+#include <random>
+
+#include "embree_core/raster_map.h"
 #include "tests/catch.h"
 #include "tests/painted_support.h"
 
@@ -116,6 +120,81 @@ TEST_CASE("affine paint comes back, and the card leaves no trace on the wall", "
             CHECK(dropped < 200);  // at most half a pixel round a card of 40x40
         }
     }
+}
+
+TEST_CASE("a road seen from the side is sheared, not blurred", "[warp]") {
+    // Ground h below both cameras, V beside R by h: row j of the ground moves by a whole number of pixels, j + 1/2 - cy
+    // times f b / (f h) = 1. So V's pixels are R's, though their footprints on R are more than two pixels wide.
+    constexpr double h_m = 1.5;
+    Primitive ground;
+    ground.world_from_local.rotation = glm::dmat3(1);
+    ground.world_from_local.translation_m = {0, 0, -h_m};
+    ground.half_m = {endless, endless, 0};
+    const View own = camera_at({0, 0, 0}, 320, 241);  // the horizon runs through pixel centres
+    std::mt19937 random(5);
+    Shot shot = shoot({ground}, own, [&](int, const dvec3&) { return glm::vec3(float(random() % 1000) / 1000); });
+    const ShiftedCamera v = moved_camera(shot, {0, h_m, 0});
+    const Rig rig({shot}, v.world_from_cam.translation_m);
+    Reprojection shown;
+    REQUIRE(reproject(rig.surfaces[0], v, nullptr, shown));
+    const Warped got = warp(shown, sampler_of(rig, 0, v), EdgeBand::keep);
+    size_t compared = 0;
+    double worst = 0;
+    for (int y = 123; y < 240; ++y)
+        for (int x = 0; x < 320; ++x) {
+            const int from = x - (y - 120);
+            if (from < 1 || from > 318) continue;
+            REQUIRE(!got.missing.at(x, y));
+            ++compared;
+            worst = std::max(worst, worst_difference(got.color.at(x, y), shot.color.at(from, y)));
+        }
+    CHECK(compared > 20000);
+    CHECK(worst < 1e-5);
+}
+
+TEST_CASE("what a box reaches, also where it stands on both sides of V's plane", "[raster]") {
+    // Random cameras and boxes of (u, v, 1/z); whatever the kernels' floats take as in front of V lies in the reach.
+    std::mt19937 random(11);
+    const auto between = [&](double low, double high) { return std::uniform_real_distribution<double>(low, high)(random); };
+    const Intrinsics k = camera_at({0, 0, 0}).intrinsics;
+    size_t cut = 0, narrower = 0, inside = 0, outside = 0;
+    for (int round = 0; round < 4000; ++round) {
+        Pose v_from_r;
+        v_from_r.rotation = glm::mat3_cast(glm::angleAxis(
+            between(-3.1, 3.1), glm::normalize(dvec3(between(-0.3, 0.3), 1, between(-0.3, 0.3)))));
+        v_from_r.translation_m = {between(-4, 4), between(-1, 1), between(-4, 4)};
+        const raster::FloatMap map(projective_map(k, v_from_r, k, {}));
+        const float u0 = float(int(between(-1, 300))), u1 = u0 + 64, v0 = float(int(between(-1, 220))), v1 = v0 + 16;
+        raster::Bounds w;
+        w.low = float(between(0, 0.5)), w.high = w.low + float(between(0, 1));
+        float highest_q = 0;
+        const raster::Range reach = raster::reach_of(map, u0, u1, v0, v1, w, 320, 240, &highest_q);
+        size_t behind = 0, front = 0;
+        for (int i = 0; i < 400; ++i) {
+            const auto at = [&](float a, float b) { return std::min(b, a + float(between(0, 1.0)) * (b - a)); };
+            const bool corner = i < 8;
+            const raster::Corner c = map.corner(corner ? (i & 1 ? u1 : u0) : at(u0, u1), corner ? (i & 2 ? v1 : v0) : at(v0, v1),
+                                                corner ? (i & 4 ? w.high : w.low) : at(w.low, w.high));
+            if (!(c.r > 0)) {
+                ++behind;
+                continue;
+            }
+            ++front;
+            // A pixel whose centre it covers, or would with half a pixel more.
+            const double x = double(c.x), y = double(c.y);
+            if (!(x >= 0 && x <= 319 && y >= 0 && y <= 239)) continue;
+            const bool held = x >= reach.x0 - 1 && x <= reach.x1 && y >= reach.y0 - 1 && y <= reach.y1 && c.q <= highest_q;
+            held ? ++inside : ++outside;
+        }
+        if (!behind || !front) continue;
+        ++cut;
+        narrower += reach.x0 > 0 || reach.x1 < 320 || reach.y0 > 0 || reach.y1 < 240;
+    }
+    INFO(cut << " boxes on both sides, " << narrower << " of them narrower than the image; " << inside << " points inside");
+    CHECK(outside == 0);
+    CHECK(inside > 20000);
+    CHECK(cut > 500);
+    CHECK(narrower > cut / 4);
 }
 
 TEST_CASE("a mixed picture: only pixels whose own sample is mixed show the card's color", "[warp]") {

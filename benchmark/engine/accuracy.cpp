@@ -212,7 +212,7 @@ void run_rig(Bench& bench, const Shift& shift) {
         Result by_rig;
         const Stopwatch casting;
         by_rig.masks = mask(rig, {v.intrinsics, v.world_from_cam}, 2.0);
-        const Sample cost = casting.read();
+        const Elapsed cost = casting.read();
         join_classes(by_rig);
         ordered_json row = row_head("embree_0.02 from=rig", c);
         row.update(score_classes(c, by_rig.classes, true));

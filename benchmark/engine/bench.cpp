@@ -48,7 +48,7 @@ ordered_json Plan::run(const Hooks& hooks) {
         hooks.show(size_t(done * 10), size_t(total * 10) + 1, step.what);
         const Stopwatch watch;
         step.work();
-        const Sample sample = watch.read();
+        const Elapsed sample = watch.read();
         took.push_back({{"what", step.what},
                         {"foreseen_s", step.seconds},
                         {"wall_s", sample.wall_ms / 1e3},

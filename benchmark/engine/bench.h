@@ -94,7 +94,7 @@ struct TorchTime {
     std::string method;
     size_t index;  ///< into the cases
     int threads;
-    Sample took;
+    Elapsed took;
     double splat_ms;
 };
 std::vector<TorchTime> time_torch(Bench& bench, const std::vector<Case>& cases);

@@ -71,7 +71,7 @@ void run(Bench& bench) {
         const double more = double(bench.full().depth[size_t(c.own)].size()) / double(tiny.size());
         ordered_json time = row_head("ray_cast", c);
         time["threads"] = 1;
-        time.update(spread_of({Sample{times[i]["wall_ms"].get<double>() * more, times[i]["cpu_ms"].get<double>() * more}}));
+        time.update(spread_of({Elapsed{times[i]["wall_ms"].get<double>() * more, times[i]["cpu_ms"].get<double>() * more}}));
         time["extrapolated_from_width"] = brute_force_width;
         bench.out["timing"].push_back(std::move(time));
     }

@@ -23,7 +23,7 @@ tbb::global_control limited_to(int threads) {
 }
 
 struct Times {
-    std::vector<Sample> whole;
+    std::vector<Elapsed> whole;
     std::vector<double> lift_ms, build_ms, cast_ms, splat_ms;
     uint64_t triangles = 0, bvh_bytes = 0;
 };
@@ -39,7 +39,7 @@ void add_stages(const Result& result, Times& times) {
 void measure(const Method& method, const Job& job, Result& room, Times& times) {
     const Stopwatch first;
     method.run(job, room);
-    const Sample once = first.read();
+    const Elapsed once = first.read();
     if (once.wall_ms > quick_run_ms) {
         times.whole.push_back(once);
         add_stages(room, times);
@@ -76,7 +76,7 @@ void round_of(Bench& bench, Table& table) {
             Result result;
             const Stopwatch watch;
             table.brute.run(job_of(table.tiny_cases[c]), result);
-            Sample took = watch.read();
+            Elapsed took = watch.read();
             const double more = std::pow(
                 double(table.cases[c].world->depth[0].size()) / double(table.tiny_cases[c].world->depth[0].size()), 2);
             took.wall_ms *= more, took.cpu_ms *= more;
@@ -165,7 +165,7 @@ void plan_cameras(Bench& bench, Plan& plan) {
                     const auto limit = limited_to(threads);
                     const Method& method = named(methods, name);
                     Result room;
-                    std::vector<Sample> samples;
+                    std::vector<Elapsed> samples;
                     const int rounds = std::string(name) == "sweep" ? 6 : 2;
                     for (int i = 0; i < rounds; ++i) {
                         const Stopwatch watch;
@@ -195,7 +195,7 @@ void plan_steady(Bench& bench, Plan& plan) {
         std::vector<double> ms;
         uint64_t before = 0;
         const int warm = 8;
-        std::vector<Sample> samples;
+        std::vector<Elapsed> samples;
         for (int f = -warm; f < frames; ++f) {
             if (f == 0) before = resident_bytes();
             bench.hooks.show(0, 0, "");
@@ -205,7 +205,7 @@ void plan_steady(Bench& bench, Plan& plan) {
             if (f >= 0) samples.push_back(watch.read());
         }
         std::vector<double> wall, cpu;
-        for (const Sample& s : samples) wall.push_back(s.wall_ms), cpu.push_back(s.cpu_ms);
+        for (const Elapsed& s : samples) wall.push_back(s.wall_ms), cpu.push_back(s.cpu_ms);
         bench.out["steady"] = {{"method", "sweep"},
                                {"frames", frames},
                                {"cameras", 6},

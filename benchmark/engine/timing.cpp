@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
-#include <ctime>
 #include <fstream>
 #include <string>
 #include <thread>
@@ -14,12 +13,6 @@
 namespace vshift::bench {
 
 using nlohmann::ordered_json;
-
-double cpu_clock_ms() {
-    timespec t{};
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
-    return double(t.tv_sec) * 1e3 + double(t.tv_nsec) * 1e-6;
-}
 
 double quantile(std::vector<double> values, double q) {
     std::sort(values.begin(), values.end());
@@ -37,9 +30,9 @@ ordered_json spread(std::vector<double> values) {
             {"n", values.size()}};
 }
 
-ordered_json spread_of(const std::vector<Sample>& samples) {
+ordered_json spread_of(const std::vector<Elapsed>& samples) {
     std::vector<double> wall, cpu;
-    for (const Sample& s : samples) wall.push_back(s.wall_ms), cpu.push_back(s.cpu_ms);
+    for (const Elapsed& s : samples) wall.push_back(s.wall_ms), cpu.push_back(s.cpu_ms);
     return {{"wall_ms", spread(wall)}, {"cpu_ms", spread(cpu)}};
 }
 

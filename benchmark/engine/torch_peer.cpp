@@ -76,7 +76,7 @@ std::vector<TorchTime> time_torch(Bench& bench, const std::vector<Case>& cases) 
     if (results.is_null()) return times;
     for (const ordered_json& r : results["times"])
         times.push_back({r["method"], r["job"].get<size_t>(), r["threads"].get<int>(),
-                         Sample{r["wall_ms"].get<double>(), r["cpu_ms"].get<double>()}, r["splat_ms"].get<double>()});
+                         Elapsed{r["wall_ms"].get<double>(), r["cpu_ms"].get<double>()}, r["splat_ms"].get<double>()});
     return times;
 }
 

@@ -141,8 +141,9 @@ def pooled_rows(data, table, keys, pool_rows):
 
 
 def tables(data):
-    """Pooled rows of masks, certificates, holes and warps."""
+    """Pooled rows of masks, of their regions, certificates, holes and warps."""
     return {"masks": pooled_rows(data, "masks", ("class", "method", "against", "shift"), pool.pool_masks),
+            "mask_regions": pooled_rows(data, "mask_regions", ("region", "method", "against", "shift"), pool.pool_regions),
             "certificates": pooled_rows(data, "certificates", ("method", "shift"), pool.pool_certificates),
             "holes": pooled_rows(data, "holes", ("class", "method", "shift"), pool.pool_masks),
             "warps": pooled_rows(data, "warps", ("region", "method", "shift"), pool.pool_warps)}

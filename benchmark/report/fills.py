@@ -93,7 +93,7 @@ def bootstrap(sums, seed=1, rounds=2000):
 def pooled(sets):
     """Scores of several sets as those of one, pooled by pixel count over all cameras; intervals over the frames of all sets.
 
-    Times are the medians of the set whose run was least disturbed.
+    Times are CPU times: the medians of the set whose run was least disturbed.
     """
     pools = {}
     for number, scores in enumerate(sets):
@@ -117,8 +117,8 @@ def pooled(sets):
     out = {"image_summary": summary, "images": [], "fill_times": []}
     for arm in sorted({t["arm"] for s in sets for t in s["fill_times"]}):
         times = [t for s in sets for t in s["fill_times"] if t["arm"] == arm]
-        out["fill_times"].append({"arm": arm, "views": sum(t["views"] for t in times),
-                                  "fill_ms": min(t["fill_ms"] for t in times), "warp_ms": min(t["warp_ms"] for t in times)})
+        told = {key: [t[key] for t in times if t.get(key) is not None] for key in ("fill_cpu_ms", "warp_cpu_ms")}
+        out["fill_times"].append({"arm": arm, "views": sum(t["views"] for t in times), **{k: min(v, default=None) for k, v in told.items()}})
     for table in ("temporal", "overlap"):
         out[table] = []
         for key in sorted({(r["arm"], r["shift"], r["region"]) for s in sets for r in s[table]}):
@@ -152,8 +152,8 @@ def markdown(scores):
 
 
 def draw(plt, scores, region="hole"):
-    """Milliseconds a view against PSNR and against FLIP in the region, an arm a marker; 95 % intervals. None without times."""
-    times = {t["arm"]: t for t in scores.get("fill_times", [])}
+    """CPU milliseconds a view against PSNR and against FLIP in the region, an arm a marker; 95 % intervals. None without times."""
+    times = {t["arm"]: t["fill_cpu_ms"] for t in scores.get("fill_times", []) if t.get("fill_cpu_ms")}
     names = [a for a in arms(scores) if a in times and one(scores, arm=a, shift="all", region=region)]
     if not names:
         return None
@@ -163,12 +163,12 @@ def draw(plt, scores, region="hole"):
             source, fill = split(arm)
             row = one(scores, arm=arm, shift="all", region=region)
             low, high = row[key + "_95"] or (row[key], row[key])
-            ax.errorbar(times[arm]["fill_ms"], row[key], yerr=[[row[key] - low], [high - row[key]]], fmt=MARK.get(source, "^"),
+            ax.errorbar(times[arm], row[key], yerr=[[row[key] - low], [high - row[key]]], fmt=MARK.get(source, "^"),
                         color=COLOUR.get(fill, OTHER), markersize=9, capsize=3, elinewidth=1.1,
                         markerfacecolor=COLOUR.get(fill, OTHER) if source == "seam" else "none", markeredgewidth=1.6,
                         label=arm_name(arm))
         ax.set_xscale("log")
-        ax.set_xlabel("fill, median milliseconds a view")
+        ax.set_xlabel("fill, median CPU milliseconds a view")
         ax.set_title(words, loc="left")
         ax.margins(x=.12, y=.12)
         ticks = [t for t in (1, 2, 3, 5, 10, 20, 30, 50, 100, 200, 500, 1000) if ax.get_xlim()[0] <= t <= ax.get_xlim()[1]]

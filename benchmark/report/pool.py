@@ -36,6 +36,16 @@ def pool_masks(rows):
     return out
 
 
+def pool_regions(rows):
+    """`occluded` within one kind of pixels, counts added up; the boundary's F1 is the mean over the views that have any."""
+    if not rows:
+        return None
+    pixels, tp, fp, fn = (sum(r[k] for r in rows) for k in ("pixels", *COUNTS[:3]))
+    busy = [r["boundary_f1"] for r in rows if sum(r[k] for k in COUNTS[:3]) and r["boundary_f1"] is not None]
+    return {"views": len(rows), "pixels": pixels, "occluded": tp + fn, "f1": ratio(2 * tp, 2 * tp + fp + fn),
+            "precision": ratio(tp, tp + fp), "recall": ratio(tp, tp + fn), "boundary_f1": sum(busy) / len(busy) if busy else None}
+
+
 def pool_certificates(rows):
     """Certificate counts added up; wrong per million pixels called certain, and the shares not called."""
     if not rows:

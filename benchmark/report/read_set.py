@@ -183,9 +183,11 @@ def read_scores(folder, shifts, frames, cameras):
         refuse(name, "vshift_scores", data["vshift_scores"], "1")
     known = {"method": METHODS, "shift": shifts, "frame": frames, "camera": cameras}
     ratios = ("iou", "precision", "recall", "f1")
-    extra = {"masks": (COUNTS, ratios), "holes": (COUNTS, ratios), "certificates": (CERTIFICATE_COUNTS, ()),
+    data.setdefault("mask_regions", [])  # sets made before truth said what is foliage have none
+    extra = {"masks": (COUNTS, ratios), "mask_regions": (("pixels", *COUNTS[:3]), ("f1", "boundary_f1")), "holes": (COUNTS, ratios), "certificates": (CERTIFICATE_COUNTS, ()),
              "warps": (("pixels",), ()), "times": ((), ("lift_ms", "build_ms", "cast_ms"))}
-    one_of = {"masks": {"class": MASK_CLASSES, "against": ("scene", "shell")}, "holes": {"class": HOLE_CLASSES},
+    one_of = {"masks": {"class": MASK_CLASSES, "against": ("scene", "shell")},
+              "mask_regions": {"region": ("foliage", "rest"), "against": ("scene", "shell")}, "holes": {"class": HOLE_CLASSES},
               "warps": {"region": ("seen", "all")}, "certificates": {}, "times": {}}
     for table, (counts, numbers) in extra.items():
         for index, row in enumerate(need(data, table, list, name)):
@@ -227,7 +229,7 @@ def check_fills(data, name, shifts, frames, cameras):
               "temporal": {}, "overlap": {}, "fill_times": {}}
     numbers = {"images": ("psnr_db",), "image_summary": ("psnr_db", "ssim", "ms_ssim", "flip", "gradient_error", "sharpness"),
                "temporal": ("difference", "truth_difference", "error_change"), "overlap": ("difference", "truth_difference", "error_change"),
-               "fill_times": ("fill_ms", "warp_ms")}
+               "fill_times": ("fill_cpu_ms", "warp_cpu_ms", "fill_ms", "warp_ms")}
     for table, one_of in tables.items():
         data.setdefault(table, [])
         for index, row in enumerate(need(data, table, list, name)):

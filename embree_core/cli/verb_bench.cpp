@@ -65,11 +65,7 @@ void run(const Options& options) {
     progress.finish();
     Channels picture;
     picture.width = differences.width, picture.height = differences.height;
-    for (int c = 0; c < 3; ++c) {
-        std::vector<float> plane(differences.size());
-        for (size_t i = 0; i < plane.size(); ++i) plane[i] = differences.data[i][c];
-        picture.add(std::string(1, "RGB"[c]), std::move(plane));
-    }
+    picture.add_color(differences);
     write_image(folder / "differences.png", picture, {SampleType::uint8});
     write_whole_file(folder / "bench.json", result.dump(1) + "\n");
     write_whole_file(folder / "bench.csv", bench::bench_csv(result));

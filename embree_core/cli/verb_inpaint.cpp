@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // vshift inpaint: the shifted view with its holes filled, one view or every frame, camera and shift of a set.
 #include <algorithm>
-#include <chrono>
 #include <cstdio>
 #include <filesystem>
 #include <limits>
@@ -15,6 +14,7 @@
 #include "embree_core/cli/run_program.h"
 #include "embree_core/cli/verbs.h"
 #include "embree_core/fill.h"
+#include "embree_core/stopwatch.h"
 #include "embree_core/words.h"
 #include "inpaint/network_fill.h"
 
@@ -67,12 +67,9 @@ struct Warped {
     DepthMap depth;
 
     explicit Warped(const Channels& warp)
-        : color(warp.width, warp.height), hole(warp.width, warp.height), depth(warp.width, warp.height) {
-        const auto &r = warp.plane("R"), &g = warp.plane("G"), &b = warp.plane("B"), &holes = warp.plane("hole");
-        for (size_t i = 0; i < color.size(); ++i) {
-            color.data[i] = {r[i], g[i], b[i]};
-            hole.data[i] = holes[i] > 0.5f;
-        }
+        : color(warp.color()), hole(warp.width, warp.height), depth(warp.width, warp.height) {
+        const auto& holes = warp.plane("hole");
+        for (size_t i = 0; i < hole.size(); ++i) hole.data[i] = holes[i] > 0.5f;
         depth.data = warp.plane("Z");
     }
 };
@@ -84,17 +81,9 @@ Channels filled_image(const Channels& warp, const ColorImage& color, const std::
     out.metadata = warp.metadata;
     out.metadata["vshift.out"] = "inpaint";
     out.metadata["vshift.fill"] = method;
-    for (int c = 0; c < 3; ++c) {
-        std::vector<float> plane(color.size());
-        for (size_t i = 0; i < plane.size(); ++i) plane[i] = color.data[i][c];
-        out.add(std::string(1, "RGB"[c]), std::move(plane));
-    }
+    out.add_color(color);
     out.add("hole", warp.plane("hole"));
     return out;
-}
-
-double ms_since(std::chrono::steady_clock::time_point start) {
-    return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
 }
 
 /// Where a folder of results lies in the set, empty when outside.
@@ -218,15 +207,15 @@ private:
     struct Begun {
         Channels warp;
         Warped warped;
-        double ms;
+        Elapsed took;
         HoledView holed() const { return {warped.color, warped.hole, warped.depth}; }
     };
     Begun begun(const View& view) {
-        const auto start = std::chrono::steady_clock::now();
+        const Stopwatch watch;
         Channels warp = options_.seam ? warp_of_seam(recipe_, view.request, files_) : answer(recipe_, view.request, files_).image;
-        const double ms = ms_since(start);
+        const Elapsed took = watch.read();
         Warped warped(warp);
-        return {std::move(warp), std::move(warped), ms};
+        return {std::move(warp), std::move(warped), took};
     }
 
     void one(const View& view, const std::vector<std::string>& methods) {
@@ -236,10 +225,10 @@ private:
         if (left.empty()) return;
         const Begun b = begun(view);
         for (const std::string& method : left) {
-            const auto start = std::chrono::steady_clock::now();
+            const Stopwatch watch;
             const ColorImage color = method == network_method ? network_->next({b.holed()})[0]
                                                               : fill(b.holed(), fill_method(method, "usage: --method"));
-            store(view, b, color, method, ms_since(start), made_from(view.request, method));
+            store(view, b, color, method, watch.read(), made_from(view.request, method));
         }
     }
 
@@ -278,16 +267,17 @@ private:
                 piece.push_back(begun(all[i].view));
             }
             for (const Begun& b : piece) holed.push_back(b.holed());
-            const auto start = std::chrono::steady_clock::now();
+            const Stopwatch watch;
             const std::vector<ColorImage> colors = network_->next(holed);
-            const double ms = ms_since(start) / double(end - at);
+            Elapsed took = watch.read();
+            took.wall_ms /= double(end - at), took.cpu_ms /= double(end - at);
             for (size_t i = at; i < end; ++i)
-                if (!all[i].done) store(all[i].view, piece[i - at], colors[i - at], network_method, ms, all[i].from);
+                if (!all[i].done) store(all[i].view, piece[i - at], colors[i - at], network_method, took, all[i].from);
         }
         done_ += frames.size() - needed;
     }
 
-    void store(const View& view, const Begun& b, const ColorImage& color, const std::string& method, double fill_ms,
+    void store(const View& view, const Begun& b, const ColorImage& color, const std::string& method, const Elapsed& took,
                const std::string& from) {
         const fs::path file = many_ ? fs::path(options_.out_dir) / arm(method) / view.item : fs::path(options_.output);
         if (many_) make_folders(file.parent_path());
@@ -302,10 +292,12 @@ private:
                          {"height", color.height},
                          {"hole_px", std::count_if(b.warped.hole.data.begin(), b.warped.hole.data.end(),
                                                    [](uint8_t h) { return h != 0; })},
-                         {"warp_ms", b.ms},
-                         {"fill_ms", fill_ms}});
+                         {"warp_ms", b.took.wall_ms},
+                         {"warp_cpu_ms", b.took.cpu_ms},
+                         {"fill_ms", took.wall_ms},
+                         {"fill_cpu_ms", took.cpu_ms}});
         if (!in_set_.empty())
-            manifest_->record_done((in_set_ / arm(method) / view.item).string(), "fill", (b.ms + fill_ms) / 1000, from);
+            manifest_->record_done((in_set_ / arm(method) / view.item).string(), "fill", (b.took.wall_ms + took.wall_ms) / 1000, from);
     }
 
     /// run.json beside an arm's results: its rows, and those of an earlier run whose files are still there.

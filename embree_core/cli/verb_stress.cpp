@@ -30,19 +30,18 @@ void write_strip(const fs::path& file, const trouble::Outcome& o) {
     Channels image;
     image.width = 4 * w;
     image.height = h;
-    std::vector<std::vector<float>> planes(3, std::vector<float>(size_t(4 * w) * size_t(h)));
+    ColorImage strip(image.width, h);
     int column = 0;
     for (const ColorImage* linear : {&o.recorded, &o.truth, &o.result, &o.control}) {
         const ColorImage shown = srgb_from_linear(*linear);
         for (int y = 0; y < h; ++y)
             for (int x = 0; x < w; ++x) {
                 const float dim = column >= 2 && !o.affected.at(x, y) ? 0.55f : 1;
-                for (int c = 0; c < 3; ++c)
-                    planes[size_t(c)][size_t(y) * size_t(4 * w) + size_t(column * w + x)] = dim * shown.at(x, y)[c];
+                strip.at(column * w + x, y) = dim * shown.at(x, y);
             }
         ++column;
     }
-    for (int c = 0; c < 3; ++c) image.add(std::string(1, "RGB"[c]), std::move(planes[size_t(c)]));
+    image.add_color(strip);
     write_image(file, image, {SampleType::uint8});
 }
 

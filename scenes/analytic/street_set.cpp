@@ -54,7 +54,7 @@ void write_street_set(const StreetSetOptions& options) {
         const std::vector<TrueCamera> recorded = recorded_rig(rig, step);
         for (size_t c = 0; c < rig.size(); ++c) {
             Channels image = minimal::sized(options.width, options.height);
-            minimal::add_color(image, street_color(street, recorded[c], options.samples));
+            image.add_color(street_color(street, recorded[c], options.samples));
             image.add("Z", cast_camera(street.scene, recorded[c]).depth.data);
             write(fs::path("frames") / minimal::frame_folder(size_t(f)) / (rig[c].name + ".exr"), image, "recorded",
                   {half, half, half, whole});
@@ -63,7 +63,7 @@ void write_street_set(const StreetSetOptions& options) {
                 const TrueCamera v = shifted_camera(rig[c], step, shift.shift);
                 const ShiftedTruth seen = truth_shifted(street.scene, recorded, int(c), v);
                 Channels shown = minimal::sized(options.width, options.height);
-                minimal::add_color(shown, street_color(street, v, options.samples));
+                shown.add_color(street_color(street, v, options.samples));
                 shown.add("Z", seen.depth.data);
                 shown.add("truth.class", {seen.klass.data.begin(), seen.klass.data.end()});
                 shown.add("truth.source", {seen.source.data.begin(), seen.source.data.end()});

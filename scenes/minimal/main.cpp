@@ -83,7 +83,7 @@ Json write_scene(const Options& options, const fs::path& folder) {
 
     const Picture picture = render(s.world, v);
     Channels shifted = sized(classes.width, classes.height);
-    add_color(shifted, picture.color);
+    shifted.add_color(picture.color);
     shifted.add("Z", picture.depth.data);
     shifted.add("class", std::vector<float>(classes.data.begin(), classes.data.end()));
     write_image(folder / "expected" / "shifted.exr", shifted);
@@ -123,7 +123,7 @@ void write_preview(const fs::path& file, const std::vector<ColorImage>& pictures
                 all.at(by[c] % 3 * w + x, by[c] / 3 * h + y) = sum;
             }
     Channels image = sized(all.width, all.height);
-    add_color(image, all);
+    image.add_color(all);
     write_image(file, image, {SampleType::uint8});
 }
 
@@ -175,7 +175,7 @@ void write_trouble_twin(const trouble::Scene& scene, bool fault, const Options& 
     }
     fs::create_directories(folder / "expected");
     Channels shifted = sized(views.shifted.color.width, views.shifted.color.height);
-    add_color(shifted, views.shifted.color);
+    shifted.add_color(views.shifted.color);
     shifted.add("Z", views.shifted.depth.data);
     add_flags(shifted, "fault", views.shifted.touched, 1);
     write_image(folder / "expected" / "shifted.exr", shifted);

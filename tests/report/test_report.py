@@ -262,6 +262,16 @@ class Foliage(unittest.TestCase):
                 self.assertEqual([row["true_positive"], row["false_positive"], row["false_negative"]],
                                  [(got & want & region).sum(), (got & ~want & region).sum(), (~got & want & region).sum()])
             self.assertGreater(sum(r["true_positive"] for r in rows if r["region"] == "foliage"), 0)
+            self.assertEqual(make(folder, "-o", folder / "r.html")[0], 0)
+            text = (folder / "r.html").read_text()
+            table = text[text.index('id="table-regions-of-masks"'):]
+            shown = re.findall(r'<tr class="parent">(.*?)</tr>', table[:table.index("</table>")])
+            self.assertEqual(len(shown), 8)
+            for row in rows:  # one view each, so a row's own F1
+                name = ">own camera<" if row["method"] == "self" else ">whole rig<"
+                found = [r for r in shown if f'>{row["region"]}<' in r and f'>{row["against"]}<' in r and name.strip("<>") in r]
+                self.assertEqual(len(found), 1)
+                self.assertIn(f'>{row["f1"]:.3f}<', found[0])
 
 
 if __name__ == "__main__":
