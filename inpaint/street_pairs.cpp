@@ -116,11 +116,7 @@ PairPlanes recorded_pair(const RecordedViews& recorded, size_t chosen, const Shi
         rig.cameras[size_t(own)].image = &color;
         const Seam seam = seam_recorded(rig.cameras, own, lost, {});
         const Sources from = sources_of(seam, own);
-        // As in a shifted view, where a neighbour gives a color the depth is not known.
-        DepthMap depth = view.depth;
-        for (size_t i = 0; i < depth.size(); ++i)
-            if (from.neighbor.data[i]) depth.data[i] = std::numeric_limits<float>::quiet_NaN();
-        pair = planes_of(seam.color, depth, from.hole, &view.color, &from.neighbor);
+        pair = planes_of(seam.color, view.depth, from.hole, &view.color, &from.neighbor);
     }
     pair.weight.resize(classes.size());
     for (size_t i = 0; i < classes.size(); ++i) {
@@ -168,8 +164,11 @@ std::vector<float> display_planes(const ColorImage& image) {
     return planes;
 }
 
-PairPlanes planes_of(const ColorImage& color, const DepthMap& depth, const Mask& hole, const ColorImage* target,
+PairPlanes planes_of(const ColorImage& color, const DepthMap& own_depth, const Mask& hole, const ColorImage* target,
                      const Mask* neighbor) {
+    DepthMap depth = own_depth;
+    for (size_t i = 0; neighbor && i < depth.size(); ++i)
+        if (neighbor->data[i]) depth.data[i] = std::numeric_limits<float>::quiet_NaN();
     PairPlanes p;
     p.width = color.width;
     p.height = color.height;
@@ -256,10 +255,7 @@ TrueShiftedView true_shifted_view(const analytic::StreetScene& street, const Rec
     if (!with_seam) return out;
     const ShiftedSeam seam = seam_shifted(rig.cameras, int(own), v, {});
     const Sources from = sources_of(seam.seam, int(own));
-    DepthMap depth = seen.depth;
-    for (size_t i = 0; i < depth.size(); ++i)
-        if (from.neighbor.data[i]) depth.data[i] = std::numeric_limits<float>::quiet_NaN();
-    out.seam_planes = planes_of(seam.seam.color, depth, from.hole, &out.truth, &from.neighbor);
+    out.seam_planes = planes_of(seam.seam.color, seen.depth, from.hole, &out.truth, &from.neighbor);
     return out;
 }
 

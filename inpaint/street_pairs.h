@@ -21,9 +21,9 @@ struct PairPlanes {
     vshift_inpaint_views views() const;
 };
 
-/// Fills the hole (fill_background) and makes planes. `target` and `neighbor` (whose pixels a neighbour gave) may be
-/// null; `color` and `depth` are not read in holes.
-PairPlanes planes_of(const ColorImage& color, const DepthMap& depth, const Mask& hole, const ColorImage* target,
+/// Fills the hole (fill_background) and makes planes. `target` and `neighbor` (which pixels a neighbour gave: their depth
+/// counts as not known) may be null; `color` and `own_depth` are not read in holes.
+PairPlanes planes_of(const ColorImage& color, const DepthMap& own_depth, const Mask& hole, const ColorImage* target,
                      const Mask* neighbor = nullptr);
 
 /// What a training pair is made of; the rows of the paper's Table 2 and what we add.

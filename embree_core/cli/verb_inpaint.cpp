@@ -7,6 +7,7 @@
 #include <limits>
 #include <memory>
 #include <optional>
+#include <sstream>
 
 #include "embree_core/answer.h"
 #include "embree_core/benchmark_set.h"
@@ -53,9 +54,14 @@ Channels warp_of_seam(const Recipe& recipe, Request request, FrameFiles& files) 
     out.metadata = seam.image.metadata;
     for (const char* name : {"R", "G", "B"}) out.add(name, seam.image.plane(name));
     out.add("Z", std::move(seam.seam_z));
-    std::vector<float> hole = seam.image.plane("source");
+    std::istringstream names(seam.image.metadata.at("vshift.sources"));
+    int own = 0;
+    for (std::string name; names >> name && name != request.camera;) ++own;
+    std::vector<float> hole = seam.image.plane("source"), neighbor = hole;
     for (float& source : hole) source = source < 0;
+    for (float& source : neighbor) source = source >= 0 && source != float(own);
     out.add("hole", std::move(hole));
+    out.add("neighbor", std::move(neighbor));
     return out;
 }
 
@@ -63,6 +69,7 @@ Channels warp_of_seam(const Recipe& recipe, Request request, FrameFiles& files) 
 struct Warped {
     ColorImage color;
     Mask hole;
+    std::optional<Mask> neighbor;  ///< of a seam
     DepthMap depth;
 
     explicit Warped(const Channels& warp)
@@ -73,6 +80,10 @@ struct Warped {
             hole.data[i] = holes[i] > 0.5f;
         }
         depth.data = warp.plane("Z");
+        if (!warp.has("neighbor")) return;
+        const auto& neighbors = warp.plane("neighbor");
+        neighbor.emplace(warp.width, warp.height);
+        for (size_t i = 0; i < color.size(); ++i) neighbor->data[i] = neighbors[i] > 0.5f;
     }
 };
 
@@ -219,6 +230,7 @@ private:
         Warped warped;
         double ms;
         HoledView holed() const { return {warped.color, warped.hole, warped.depth}; }
+        inpaint::NetworkView to_network() const { return {holed(), warped.neighbor ? &*warped.neighbor : nullptr}; }
     };
     Begun begun(const View& view) {
         const auto start = std::chrono::steady_clock::now();
@@ -236,7 +248,7 @@ private:
         const Begun b = begun(view);
         for (const std::string& method : left) {
             const auto start = std::chrono::steady_clock::now();
-            const ColorImage color = method == network_method ? network_->next({b.holed()})[0]
+            const ColorImage color = method == network_method ? network_->next({b.to_network()})[0]
                                                               : fill(b.holed(), fill_method(method, "usage: --method"));
             store(view, b, color, method, ms_since(start), made_from(view.request, method));
         }
@@ -271,12 +283,12 @@ private:
         for (size_t at = 0, end; at < needed; at = end) {
             end = end_of(at);
             std::vector<Begun> piece;
-            std::vector<HoledView> holed;
+            std::vector<inpaint::NetworkView> holed;
             for (size_t i = at; i < end; ++i) {
                 tick(camera + " " + shift.name);
                 piece.push_back(begun(all[i].view));
             }
-            for (const Begun& b : piece) holed.push_back(b.holed());
+            for (const Begun& b : piece) holed.push_back(b.to_network());
             const auto start = std::chrono::steady_clock::now();
             const std::vector<ColorImage> colors = network_->next(holed);
             const double ms = ms_since(start) / double(end - at);
