@@ -15,7 +15,6 @@ constexpr std::array<const char*, 5> kind_names{"pixel_unet", "pixel_dit", "late
 constexpr double spread_weight = 1e-4;  // of the latents' distance from the normal distribution, beside the squared error
 constexpr double least_time = 1e-3;  // of models that give z0
 constexpr double near_m = 8;  // 1/z is seen in eighths of a metre
-constexpr size_t rays_at_once = 768;
 
 bool in_pixels(const ModelConfig& c) {
     return c.kind != Kind::latent_dit && c.kind != Kind::autoencoder;
@@ -376,39 +375,18 @@ int64_t piece_frames(const ModelConfig& config) {
     return in_pixels(config) ? 1 : vae_frames(config.vae);
 }
 
-/// Kind pixel_rays, on the CPU: a list of hole pixels.
+/// Kind pixel_rays, on the CPU, frame by frame.
 Tensor inpaint_by_rays(const Model& model, const Views& v) {
     const int64_t B = v.fill.size(0), F = v.fill.size(2), H = v.fill.size(3), W = v.fill.size(4);
-    const Tensor hole = v.hole.cpu().contiguous(), near = v.inverse_depth.cpu().contiguous();
-    Tensor made = v.fill.cpu().clone();
+    // Planes of a frame beside each other.
+    const auto frames = [](const Tensor& t) { return t.cpu().transpose(1, 2).contiguous(); };
+    const Tensor fill = frames(v.fill), hole = frames(v.hole), near = frames(v.inverse_depth), made = fill.clone();
     for (int64_t b = 0; b < B; ++b)
         for (int64_t f = 0; f < F; ++f) {
-            const Tensor fill = v.fill.cpu().select(0, b).select(1, f).contiguous();
-            const RayPlanes planes{int(W), int(H), fill.data_ptr<float>(), hole.select(0, b).select(1, f).data_ptr<float>(),
-                                   near.select(0, b).select(1, f).data_ptr<float>()};
-            std::vector<int32_t> chosen;
-            for (int32_t i = 0; i < H * W; ++i)
-                if (planes.hole[i] > 0) chosen.push_back(i);
-            const RayNumbers seen = ray_numbers_of(planes, chosen);
-            Tensor frame = made.select(0, b).select(1, f);  // a view
-            // In pieces that a cache holds.
-            for (size_t at = 0; at < chosen.size(); at += rays_at_once) {
-                const auto n = int64_t(std::min(rays_at_once, chosen.size() - at));
-                const auto of = [&](const std::vector<float>& numbers, int64_t each) {
-                    return at::from_blob(const_cast<float*>(numbers.data()) + int64_t(at) * each, {n, each}, at::kFloat);
-                };
-                const Tensor colors = ray_mixer_forward(model.config.rays, model.weights,
-                                                        at::cat({of(seen.rays, ray_count * ray_numbers), of(seen.own, own_numbers)}, 1));
-                const auto color = colors.accessor<float, 2>();
-                auto out = frame.accessor<float, 3>();
-                for (int64_t i = 0; i < n; ++i)
-                    for (int64_t c = 0; c < 3; ++c) {
-                        const int32_t pixel = chosen[at + size_t(i)];
-                        out[c][pixel / W][pixel % W] = std::clamp(color[i][c], 0.0f, 1.0f);
-                    }
-            }
+            const auto plane = [&](const Tensor& t) { return t[b][f].data_ptr<float>(); };
+            ray_mixer_fill(model.config.rays, model.weights, {int(W), int(H), plane(fill), plane(hole), plane(near)}, plane(made));
         }
-    return made.to(v.fill.device());
+    return made.transpose(1, 2).to(v.fill.device());
 }
 
 Tensor inpaint(const Model& model, const Views& input, int steps, uint64_t seed, Stream& stream) {
