@@ -181,44 +181,22 @@ void begin_with_regression(Model& model, const std::filesystem::path& file) {
 
 Model load_model(const std::filesystem::path& path) {
     const TensorFiles files(path);
-    const auto config = files.metadata().find("config");
-    if (config == files.metadata().end())
-        refuse(files.file() + ": config", "none in the metadata", "a model of vshift train");
     Model m;
-    m.config = parse_model_config(config->second, files.file());
+    m.config = parse_model_config(trained_config(files, "vshift train"), files.file());
     m.metadata = files.metadata();
-    const auto take = [&](const std::string& prefix, const Layout& layout, Weights& to) {
-        for (const auto& [name, shape] : layout) {
-            const StoredTensor* t = files.find(prefix + name);
-            if (!t) refuse(files.file() + ": " + prefix + name, "none", "a tensor of shape " + text_of(shape));
-            if (t->shape != shape) refuse(files.file() + ": " + t->name, "shape " + text_of(t->shape), text_of(shape));
-            if (t->type < ElementType::f16) refuse(files.file() + ": " + t->name, name_of(t->type), "a float type");
-            to[name] = tensor_of(*t);
-        }
-    };
-    take(trained_prefix(m.config), network_layout(m.config), m.weights);
+    Groups groups{{trained_prefix(m.config), network_layout(m.config)}};
+    if (m.config.kind == Kind::latent_dit) groups["vae."] = vae_layout(m.config.vae);
+    auto weights = trained_weights(files, groups);
+    m.weights = std::move(weights.at(trained_prefix(m.config)));
     if (!in_pixels(m.config)) m.vae.config = m.config.vae;
-    if (m.config.kind == Kind::latent_dit) take("vae.", vae_layout(m.config.vae), m.vae.weights);
-    if (files.tensors().size() != m.weights.size() + m.vae.weights.size())
-        refuse(files.file() + ": tensors", std::to_string(files.tensors().size()),
-               std::to_string(m.weights.size() + m.vae.weights.size()) + " of the config");
+    if (m.config.kind == Kind::latent_dit) m.vae.weights = std::move(weights.at("vae."));
     return m;
 }
 
 void save_model(const std::filesystem::path& file, const Model& model, const Weights& weights) {
-    std::vector<Tensor> kept;
-    std::vector<StoredTensor> stored;
-    const auto add = [&](const std::string& prefix, const Weights& from) {
-        for (const auto& [name, t] : from) {
-            kept.push_back(t.detach().cpu().contiguous());
-            stored.push_back(stored_of(prefix + name, kept.back()));
-        }
-    };
-    add(trained_prefix(model.config), weights);
-    add("vae.", model.vae.weights);
-    auto metadata = model.metadata;
-    metadata["config"] = json_of(model.config);
-    write_tensor_file(file, stored, metadata);
+    std::map<std::string, const Weights*> groups{{trained_prefix(model.config), &weights}};
+    if (model.config.kind == Kind::latent_dit) groups["vae."] = &model.vae.weights;
+    write_trained(file, groups, model.metadata, json_of(model.config));
 }
 
 int64_t model_side(const ModelConfig& c) {
