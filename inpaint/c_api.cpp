@@ -39,7 +39,7 @@ Views views_of(const vshift_inpaint_views& v, bool training) {
             copied(v.neighbor, 1, v, "views: neighbor"), copied(v.inverse_depth, 1, v, "views: inverse_depth"),
             training ? copied(v.target, 3, v, "views: target") : Tensor(),
             training && v.weight ? copied(v.weight, 1, v, "views: weight") : Tensor(),
-            training && v.seen ? copied(v.seen, ray_count * ray_numbers + own_numbers, v, "views: seen") : Tensor()};
+            training && v.seen ? copied(v.seen, seen_numbers, v, "views: seen") : Tensor()};
 }
 
 }  // namespace

@@ -52,35 +52,15 @@ DepthModel initial_depth_model(const DepthConfig& config, uint64_t seed) {
 
 DepthModel load_depth_model(const std::filesystem::path& path) {
     const TensorFiles files(path);
-    const auto config = files.metadata().find("config");
-    if (config == files.metadata().end())
-        refuse(files.file() + ": config", "none in the metadata", "a model of vshift train --kind depth");
     DepthModel m;
-    m.config = parse_depth_config(config->second, files.file());
+    m.config = parse_depth_config(trained_config(files, "vshift train --kind depth"), files.file());
     m.metadata = files.metadata();
-    for (const auto& [name, shape] : unet_layout(m.config.unet)) {
-        const StoredTensor* t = files.find("network." + name);
-        if (!t) refuse(files.file() + ": network." + name, "none", "a tensor of shape " + text_of(shape));
-        if (t->shape != shape) refuse(files.file() + ": " + t->name, "shape " + text_of(t->shape), text_of(shape));
-        if (t->type < ElementType::f16) refuse(files.file() + ": " + t->name, name_of(t->type), "a float type");
-        m.weights[name] = tensor_of(*t);
-    }
-    if (files.tensors().size() != m.weights.size())
-        refuse(files.file() + ": tensors", std::to_string(files.tensors().size()),
-               std::to_string(m.weights.size()) + " of the config");
+    m.weights = std::move(trained_weights(files, {{"network.", unet_layout(m.config.unet)}}).at("network."));
     return m;
 }
 
 void save_depth_model(const std::filesystem::path& file, const DepthModel& model, const Weights& weights) {
-    std::vector<Tensor> kept;
-    std::vector<StoredTensor> stored;
-    for (const auto& [name, t] : weights) {
-        kept.push_back(t.detach().cpu().contiguous());
-        stored.push_back(stored_of("network." + name, kept.back()));
-    }
-    auto metadata = model.metadata;
-    metadata["config"] = json_of(model.config);
-    write_tensor_file(file, stored, metadata);
+    write_trained(file, {{"network.", &weights}}, model.metadata, json_of(model.config));
 }
 
 Tensor depth_rays(const DepthCamera& c, int64_t height, int64_t width) {

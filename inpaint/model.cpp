@@ -15,7 +15,6 @@ constexpr std::array<const char*, 5> kind_names{"pixel_unet", "pixel_dit", "late
 constexpr double spread_weight = 1e-4;  // of the latents' distance from the normal distribution, beside the squared error
 constexpr double least_time = 1e-3;  // of models that give z0
 constexpr double near_m = 8;  // 1/z is seen in eighths of a metre
-constexpr size_t rays_at_once = 768;
 
 bool in_pixels(const ModelConfig& c) {
     return c.kind != Kind::latent_dit && c.kind != Kind::autoencoder;
@@ -182,44 +181,22 @@ void begin_with_regression(Model& model, const std::filesystem::path& file) {
 
 Model load_model(const std::filesystem::path& path) {
     const TensorFiles files(path);
-    const auto config = files.metadata().find("config");
-    if (config == files.metadata().end())
-        refuse(files.file() + ": config", "none in the metadata", "a model of vshift train");
     Model m;
-    m.config = parse_model_config(config->second, files.file());
+    m.config = parse_model_config(trained_config(files, "vshift train"), files.file());
     m.metadata = files.metadata();
-    const auto take = [&](const std::string& prefix, const Layout& layout, Weights& to) {
-        for (const auto& [name, shape] : layout) {
-            const StoredTensor* t = files.find(prefix + name);
-            if (!t) refuse(files.file() + ": " + prefix + name, "none", "a tensor of shape " + text_of(shape));
-            if (t->shape != shape) refuse(files.file() + ": " + t->name, "shape " + text_of(t->shape), text_of(shape));
-            if (t->type < ElementType::f16) refuse(files.file() + ": " + t->name, name_of(t->type), "a float type");
-            to[name] = tensor_of(*t);
-        }
-    };
-    take(trained_prefix(m.config), network_layout(m.config), m.weights);
+    Groups groups{{trained_prefix(m.config), network_layout(m.config)}};
+    if (m.config.kind == Kind::latent_dit) groups["vae."] = vae_layout(m.config.vae);
+    auto weights = trained_weights(files, groups);
+    m.weights = std::move(weights.at(trained_prefix(m.config)));
     if (!in_pixels(m.config)) m.vae.config = m.config.vae;
-    if (m.config.kind == Kind::latent_dit) take("vae.", vae_layout(m.config.vae), m.vae.weights);
-    if (files.tensors().size() != m.weights.size() + m.vae.weights.size())
-        refuse(files.file() + ": tensors", std::to_string(files.tensors().size()),
-               std::to_string(m.weights.size() + m.vae.weights.size()) + " of the config");
+    if (m.config.kind == Kind::latent_dit) m.vae.weights = std::move(weights.at("vae."));
     return m;
 }
 
 void save_model(const std::filesystem::path& file, const Model& model, const Weights& weights) {
-    std::vector<Tensor> kept;
-    std::vector<StoredTensor> stored;
-    const auto add = [&](const std::string& prefix, const Weights& from) {
-        for (const auto& [name, t] : from) {
-            kept.push_back(t.detach().cpu().contiguous());
-            stored.push_back(stored_of(prefix + name, kept.back()));
-        }
-    };
-    add(trained_prefix(model.config), weights);
-    add("vae.", model.vae.weights);
-    auto metadata = model.metadata;
-    metadata["config"] = json_of(model.config);
-    write_tensor_file(file, stored, metadata);
+    std::map<std::string, const Weights*> groups{{trained_prefix(model.config), &weights}};
+    if (model.config.kind == Kind::latent_dit) groups["vae."] = &model.vae.weights;
+    write_trained(file, groups, model.metadata, json_of(model.config));
 }
 
 int64_t model_side(const ModelConfig& c) {
@@ -376,39 +353,18 @@ int64_t piece_frames(const ModelConfig& config) {
     return in_pixels(config) ? 1 : vae_frames(config.vae);
 }
 
-/// Kind pixel_rays, on the CPU: a list of hole pixels.
+/// Kind pixel_rays, on the CPU, frame by frame.
 Tensor inpaint_by_rays(const Model& model, const Views& v) {
     const int64_t B = v.fill.size(0), F = v.fill.size(2), H = v.fill.size(3), W = v.fill.size(4);
-    const Tensor hole = v.hole.cpu().contiguous(), near = v.inverse_depth.cpu().contiguous();
-    Tensor made = v.fill.cpu().clone();
+    // Planes of a frame beside each other.
+    const auto frames = [](const Tensor& t) { return t.cpu().transpose(1, 2).contiguous(); };
+    const Tensor fill = frames(v.fill), hole = frames(v.hole), near = frames(v.inverse_depth), made = fill.clone();
     for (int64_t b = 0; b < B; ++b)
         for (int64_t f = 0; f < F; ++f) {
-            const Tensor fill = v.fill.cpu().select(0, b).select(1, f).contiguous();
-            const RayPlanes planes{int(W), int(H), fill.data_ptr<float>(), hole.select(0, b).select(1, f).data_ptr<float>(),
-                                   near.select(0, b).select(1, f).data_ptr<float>()};
-            std::vector<int32_t> chosen;
-            for (int32_t i = 0; i < H * W; ++i)
-                if (planes.hole[i] > 0) chosen.push_back(i);
-            const RayNumbers seen = ray_numbers_of(planes, chosen);
-            Tensor frame = made.select(0, b).select(1, f);  // a view
-            // In pieces that a cache holds.
-            for (size_t at = 0; at < chosen.size(); at += rays_at_once) {
-                const auto n = int64_t(std::min(rays_at_once, chosen.size() - at));
-                const auto of = [&](const std::vector<float>& numbers, int64_t each) {
-                    return at::from_blob(const_cast<float*>(numbers.data()) + int64_t(at) * each, {n, each}, at::kFloat);
-                };
-                const Tensor colors = ray_mixer_forward(model.config.rays, model.weights,
-                                                        at::cat({of(seen.rays, ray_count * ray_numbers), of(seen.own, own_numbers)}, 1));
-                const auto color = colors.accessor<float, 2>();
-                auto out = frame.accessor<float, 3>();
-                for (int64_t i = 0; i < n; ++i)
-                    for (int64_t c = 0; c < 3; ++c) {
-                        const int32_t pixel = chosen[at + size_t(i)];
-                        out[c][pixel / W][pixel % W] = std::clamp(color[i][c], 0.0f, 1.0f);
-                    }
-            }
+            const auto plane = [&](const Tensor& t) { return t[b][f].data_ptr<float>(); };
+            ray_mixer_fill(model.config.rays, model.weights, {int(W), int(H), plane(fill), plane(hole), plane(near)}, plane(made));
         }
-    return made.to(v.fill.device());
+    return made.transpose(1, 2).to(v.fill.device());
 }
 
 Tensor inpaint(const Model& model, const Views& input, int steps, uint64_t seed, Stream& stream) {

@@ -45,6 +45,7 @@ NetworkFill::NetworkFill(const std::string& model_file, int steps, uint64_t nois
     check(library.set_threads(threads));
     check(library.model_open(model_file.c_str(), &model_));
     const auto config = nlohmann::json::parse(library.model_config(model_), nullptr, false);
+    neighbors_ = config.is_object() && config.value("neighbors", false);
     looks_back_ = config.is_object() && config.value("window", 0) > 0;
     piece_ = looks_back_ ? library.model_piece(model_) : 1;
     begin();
@@ -62,14 +63,16 @@ void NetworkFill::begin() {
     check(network_library().stream_open(model_, steps_, noise_seed_, &stream_));
 }
 
-std::vector<ColorImage> NetworkFill::next(const std::vector<HoledView>& views) {
+std::vector<ColorImage> NetworkFill::next(const std::vector<NetworkView>& views) {
     if (!looks_back_) begin();  // a view alone: the same, whatever came before
     const auto wanted = size_t(begun_ ? piece_ : 1);
     begun_ = true;
     if (views.empty() || views.size() > wanted)
         throw Error(ExitCode::our_bug, "inpaint: frames: got " + std::to_string(views.size()) + ", expected " + std::to_string(wanted));
     std::vector<PairPlanes> frames;
-    for (const HoledView& v : views) frames.push_back(planes_of(v.color, v.depth, v.hole, nullptr));
+    const auto neighbor_of = [&](const NetworkView& v) { return neighbors_ ? v.neighbor : nullptr; };
+    for (const NetworkView& v : views)
+        frames.push_back(planes_of(v.view.color, v.view.depth, v.view.hole, nullptr, neighbor_of(v)));
     while (frames.size() < wanted) frames.push_back(frames.back());
     const Video video(frames);
     const vshift_inpaint_views given = video.views();
@@ -77,9 +80,10 @@ std::vector<ColorImage> NetworkFill::next(const std::vector<HoledView>& views) {
     check(network_library().stream_next(stream_, &given, made.data()));
     std::vector<ColorImage> out;
     for (size_t f = 0; f < views.size(); ++f) {
-        out.push_back(views[f].color);
+        const Mask *hole = &views[f].view.hole, *neighbor = neighbor_of(views[f]);
+        out.push_back(views[f].view.color);
         for (size_t i = 0; i < out[f].size(); ++i)
-            if (views[f].hole.data[i])
+            if (hole->data[i] || (neighbor && neighbor->data[i]))
                 for (size_t c = 0; c < 3; ++c)
                     out[f].data[i][int(c)] = float(linear_from_srgb(double(made[video.at(c, f) + i])));
     }

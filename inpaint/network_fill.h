@@ -10,6 +10,13 @@
 
 namespace vshift::inpaint {
 
+/// A view to fill, and which of its pixels a neighbour gave (by a seam); null: none. Models that were trained with
+/// neighbours see that and may change those pixels; to others they are known ones.
+struct NetworkView {
+    HoledView view;
+    const Mask* neighbor = nullptr;
+};
+
 /// A model and one stream of it at a time. Throws Error: io_failed without the library or the file, bad_input for what
 /// the file holds.
 class NetworkFill {
@@ -29,13 +36,13 @@ public:
     /// The stream's next piece, of one size; at its end fewer frames will do (the last is then taken again: a latent's
     /// frames are made together). Known pixels come back bit for bit, as from fill(). Linear RGB. Where the model does
     /// not look back, each is a stream of its own.
-    std::vector<ColorImage> next(const std::vector<HoledView>& views);
+    std::vector<ColorImage> next(const std::vector<NetworkView>& views);
 
 private:
     const int steps_;
     const uint64_t noise_seed_;
     vshift_inpaint_model* model_ = nullptr;
-    bool looks_back_ = false, begun_ = false;
+    bool looks_back_ = false, neighbors_ = false, begun_ = false;
     int piece_ = 1;
     vshift_inpaint_stream* stream_ = nullptr;
 };

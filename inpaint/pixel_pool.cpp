@@ -10,10 +10,9 @@
 namespace vshift::inpaint {
 namespace {
 
-constexpr std::array<size_t, 2> pixels_of_a_pair{200, 60};  // occluded, outside
+constexpr std::array<size_t, 2> pixels_of_a_pair{120, 40};  // occluded, outside
 // There are far more pixels outside the frame, and a ray has less to tell there: they count so much less again.
 constexpr double outside_share = 0.25;
-constexpr size_t seen_numbers = ray_count * ray_numbers + own_numbers;
 
 }  // namespace
 
@@ -46,11 +45,8 @@ PixelPool pixel_pool(const RecordedViews& recorded, uint64_t seed, size_t pairs,
             ray_numbers_of({pair.width, pair.height, pair.fill.data(), pair.hole.data(), pair.inverse_depth.data()}, chosen);
         const size_t n = size_t(pair.width) * size_t(pair.height);
         for (size_t i = 0; i < chosen.size(); ++i) {
-            const auto append = [&](const std::vector<float>& numbers, size_t each) {
-                pool.seen.insert(pool.seen.end(), numbers.begin() + long(i * each), numbers.begin() + long((i + 1) * each));
-            };
-            append(seen.rays, ray_count * ray_numbers);
-            append(seen.own, own_numbers);
+            pool.seen.resize(pool.seen.size() + seen_numbers);
+            write_seen(seen, i, pool.seen.data() + pool.seen.size() - seen_numbers);
             for (size_t c = 0; c < 3; ++c) {
                 pool.fill.push_back(pair.fill[c * n + size_t(chosen[i])]);
                 pool.target.push_back(pair.target[c * n + size_t(chosen[i])]);
@@ -73,6 +69,7 @@ PairPlanes pixel_sample(const PixelPool& pool, uint64_t seed, uint64_t number, i
     out.inverse_depth.assign(n, 0);
     out.weight.assign(n, 1);
     out.seen.resize(seen_numbers * n);
+    std::vector<float> mirror(seen_numbers);
     for (size_t i = 0; i < n; ++i) {
         const auto found = std::upper_bound(pool.up_to.begin(), pool.up_to.end(), random.within(0, pool.up_to.back()));
         const size_t at = std::min(size_t(found - pool.up_to.begin()), pool.size() - 1);
@@ -82,10 +79,8 @@ PairPlanes pixel_sample(const PixelPool& pool, uint64_t seed, uint64_t number, i
             out.target[c * n + i] = pool.target[3 * at + c];
         }
         const float* from = pool.seen.data() + seen_numbers * at;
-        for (size_t k = 0; k < ray_count; ++k)
-            for (size_t j = 0; j < ray_numbers; ++j)
-                out.seen[(k * ray_numbers + j) * n + i] = from[(mirrored ? mirrored_ray(k) : k) * ray_numbers + j];
-        for (size_t j = ray_count * ray_numbers; j < seen_numbers; ++j) out.seen[j * n + i] = from[j];
+        if (mirrored) mirror_seen(from, mirror.data());
+        for (size_t j = 0; j < seen_numbers; ++j) out.seen[j * n + i] = mirrored ? mirror[j] : from[j];
     }
     return out;
 }

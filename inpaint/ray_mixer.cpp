@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "inpaint/ray_mixer.h"
 
+#include <ATen/Parallel.h>
+
+#include <algorithm>
+
 namespace vshift::inpaint {
 namespace {
 
@@ -8,9 +12,55 @@ constexpr int64_t hidden = 32;        // of the layer that looks at one ray
 constexpr double fill_first = 3;      // the fill's score at the beginning, where rays have 0
 constexpr double added_share = 0.25;  // of the color that is added
 constexpr double never = -1e4;
+constexpr int64_t beyond_at = 3;  // among a ray's numbers: the color that is mixed
+constexpr size_t pixels_at_once = 768;  // what a cache holds
+constexpr int deep_px = 4;
 
 Tensor layer(const Weights& w, const std::string& name, const Tensor& x) {
     return at::linear(x, get(w, name + ".weight"), get(w, name + ".bias"));
+}
+
+/// `first`: the rays' first layer; `colors` [N, rays, 3]; `met` [N, rays]: 0 where a ray met nothing.
+Tensor mixed(const RayMixerConfig& c, const Weights& w, const Tensor& first, const Tensor& colors, const Tensor& met, const Tensor& own) {
+    const Tensor each = at::relu(layer(w, "ray.1", at::relu(first)));
+    Tensor x = at::cat({each.flatten(1), own}, 1);
+    for (int64_t i = 0; i < c.layers; ++i) x = at::relu(layer(w, "body." + std::to_string(i), x));
+    const Tensor y = layer(w, "out", x);
+    const Tensor scores = at::cat({y.narrow(1, 0, 1) + fill_first, y.narrow(1, 1, ray_count).masked_fill(met <= 0, never)}, 1);
+    const Tensor among = (at::cat({own.narrow(1, 0, 3).unsqueeze(1), colors}, 1) + 1) / 2;
+    return (at::softmax(scores, 1).unsqueeze(2) * among).sum(1) + added_share * y.narrow(1, 1 + ray_count, 3);
+}
+
+/// `work(first, count)` for every piece of `size` things that a cache holds, on Torch's threads. At least two pieces, so
+/// that none is itself spread over threads: the same bytes on any number of them.
+template <class Work>
+void in_pieces(size_t size, const Work& work) {
+    const size_t each = std::max<size_t>(1, std::min(pixels_at_once, (size + 1) / 2));
+    const size_t pieces = std::max<size_t>(2, (size + each - 1) / each);
+    at::parallel_for(0, int64_t(pieces), 1, [&](int64_t begin, int64_t end) {
+        const at::NoGradGuard no_grad;  // each thread's own
+        for (size_t from = size_t(begin) * each; from < std::min(size, size_t(end) * each); from += each)
+            work(from, int64_t(std::min(each, size - from)));
+    });
+}
+
+/// Whether a pixel and all within deep_px steps of it are hole.
+std::vector<uint8_t> deep_in_holes(const RayPlanes& p) {
+    const int W = p.width, H = p.height;
+    std::vector<int> steps(size_t(W) * size_t(H));  // to the nearest known pixel, as far as this matters
+    const auto nearer = [&](int x, int y, int from_x, int from_y) {
+        if (from_x < 0 || from_y < 0 || from_x >= W || from_y >= H) return;
+        int& s = steps[size_t(y) * size_t(W) + size_t(x)];
+        s = std::min(s, steps[size_t(from_y) * size_t(W) + size_t(from_x)] + 1);
+    };
+    for (size_t i = 0; i < steps.size(); ++i) steps[i] = p.hole[i] > 0 ? deep_px + 1 : 0;
+    for (int y = 0; y < H; ++y)
+        for (int x = 0; x < W; ++x) nearer(x, y, x - 1, y), nearer(x, y, x, y - 1);
+    for (int y = H - 1; y >= 0; --y)
+        for (int x = W - 1; x >= 0; --x) nearer(x, y, x + 1, y), nearer(x, y, x, y + 1);
+    std::vector<uint8_t> deep(steps.size());
+    for (size_t i = 0; i < steps.size(); ++i) deep[i] = steps[i] > deep_px;
+    return deep;
 }
 
 }  // namespace
@@ -54,16 +104,57 @@ bool ray_mixer_begins_at_zero(const std::string& name) {
 Tensor ray_mixer_forward(const RayMixerConfig& c, const Weights& w, const Tensor& seen) {
     const int64_t n = seen.size(0);
     const Tensor rays = seen.narrow(1, 0, ray_count * ray_numbers).reshape({n, ray_count, ray_numbers});
-    const Tensor own = seen.narrow(1, ray_count * ray_numbers, own_numbers);
-    const Tensor each = at::silu(layer(w, "ray.1", at::silu(layer(w, "ray.0", rays))));
-    Tensor x = at::cat({each.flatten(1), own}, 1);
-    for (int64_t i = 0; i < c.layers; ++i) x = at::silu(layer(w, "body." + std::to_string(i), x));
-    const Tensor y = layer(w, "out", x);
-    const Tensor ends = rays.select(2, ray_numbers - 1) <= 0;  // met nothing
-    const Tensor scores = at::cat({y.narrow(1, 0, 1) + fill_first, y.narrow(1, 1, ray_count).masked_fill(ends, never)}, 1);
-    const Tensor colors = (at::cat({own.narrow(1, 0, 3).unsqueeze(1), rays.narrow(2, 3, 3)}, 1) + 1) / 2;
-    const Tensor mixed = (at::softmax(scores, 1).unsqueeze(2) * colors).sum(1);
-    return mixed + added_share * y.narrow(1, 1 + ray_count, 3);
+    return mixed(c, w, layer(w, "ray.0", rays), rays.narrow(2, beyond_at, 3), rays.select(2, ray_numbers - 1),
+                 seen.narrow(1, ray_count * ray_numbers, own_numbers));
+}
+
+void ray_mixer_fill(const RayMixerConfig& c, const Weights& w, const RayPlanes& p, float* color) {
+    const std::vector<uint8_t> deep = deep_in_holes(p);
+    const auto W = size_t(p.width), n = W * size_t(p.height);
+    std::vector<int32_t> chosen, between;
+    for (size_t i = 0; i < n; ++i)
+        if (p.hole[i] > 0) (deep[i] && (i % W + i / W) % 2 ? between : chosen).push_back(int32_t(i));
+    const RayNumbers seen = ray_numbers_of(p, chosen);
+    const auto tensor = [](const auto& numbers, at::ScalarType type, size_t from, int64_t rows, int64_t each) {
+        return at::from_blob(const_cast<void*>(static_cast<const void*>(numbers.data() + from * size_t(each))), {rows, each}, type);
+    };
+    const at::NoGradGuard no_grad;
+    const Tensor edges = tensor(seen.edges, at::kFloat, 0, int64_t(seen.edges.size()) / edge_numbers, edge_numbers);
+    const Tensor first = get(w, "ray.0.weight");
+    Tensor met = at::empty({edges.size(0), hidden});
+    in_pieces(size_t(edges.size(0)), [&](size_t from, int64_t some) {
+        met.narrow(0, int64_t(from), some)
+            .copy_(at::linear(edges.narrow(0, int64_t(from), some), first.narrow(1, 0, edge_numbers), get(w, "ray.0.bias")));
+    });
+    const Tensor way_weight = first.narrow(1, edge_numbers, way_numbers).t();
+    const Tensor beyond = edges.narrow(1, beyond_at, 3).contiguous();
+    in_pieces(chosen.size(), [&](size_t from, int64_t some) {
+        const Tensor edge = tensor(seen.edge, at::kInt, from, some, ray_count).flatten();
+        const Tensor ways = tensor(seen.ways, at::kFloat, from * ray_count, some * ray_count, way_numbers);
+        const Tensor colors = mixed(c, w, at::addmm(met.index_select(0, edge), ways, way_weight).view({some, ray_count, hidden}),
+                                    beyond.index_select(0, edge).view({some, ray_count, 3}),
+                                    ways.select(1, way_numbers - 1).view({some, ray_count}),
+                                    tensor(seen.own, at::kFloat, from, some, own_numbers))
+                                  .clamp(0, 1);
+        const auto made = colors.accessor<float, 2>();
+        for (int64_t i = 0; i < some; ++i)
+            for (int64_t k = 0; k < 3; ++k) color[size_t(k) * n + size_t(chosen[from + size_t(i)])] = made[i][k];
+    });
+    for (const int32_t i : between) {
+        const size_t at = size_t(i), x = at % W;
+        for (size_t k = 0; k < 3; ++k) {
+            const float* plane = color + k * n;
+            float sum = 0, count = 0;
+            const auto add = [&](bool inside, size_t there) {
+                if (inside) sum += plane[there], count += 1;
+            };
+            add(x > 0, at - 1);
+            add(x + 1 < W, at + 1);
+            add(at >= W, at - W);
+            add(at + W < n, at + W);
+            color[k * n + at] = sum / count;
+        }
+    }
 }
 
 }  // namespace vshift::inpaint

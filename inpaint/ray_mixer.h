@@ -19,8 +19,12 @@ Layout ray_mixer_layout(const RayMixerConfig& config);
 /// The output: what is mixed begins near the fill.
 bool ray_mixer_begins_at_zero(const std::string& name);
 
-/// `seen` [N, ray_count * ray_numbers + own_numbers] in rays.h's order. Returns colors in 0..1 (or a little beyond),
-/// [N, 3]: a mean of the fill and the rays' colors beyond the edge, weighted by softmax, and a small color added.
+/// `seen` [N, seen_numbers] (rays.h). Returns colors in 0..1 (or a little beyond), [N, 3]: a mean of the fill and the
+/// rays' colors beyond the edge, weighted by softmax, and a small color added.
 Tensor ray_mixer_forward(const RayMixerConfig& config, const Weights& weights, const Tensor& seen);
+
+/// The same for the holes of a frame: their colors, in 0..1, in place of `color`'s (3 planes). Deep in a hole every other
+/// pixel is the mean of its neighbours.
+void ray_mixer_fill(const RayMixerConfig& config, const Weights& weights, const RayPlanes& planes, float* color);
 
 }  // namespace vshift::inpaint

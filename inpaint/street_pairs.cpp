@@ -17,6 +17,7 @@ namespace {
 
 constexpr int color_samples = 2;  // a side of a pixel
 constexpr float outside_weight = 0.1f;
+constexpr double most_shift_m = 4;
 
 /// The part of the planes at (x0, y0), mirrored if asked: `width` and `height` are at most theirs.
 PairPlanes part_of(const PairPlanes& p, int x0, int y0, int width, int height, bool mirrored) {
@@ -56,7 +57,7 @@ struct RigSurfaces {
     RigSurfaces(const RecordedViews& recorded, size_t view, const glm::dvec3& towards_m) {
         const size_t first = view - view % recorded.rig_size;
         for (size_t i = first; i < first + recorded.rig_size; ++i) {
-            const auto& [color, depth, camera] = recorded.views[i];
+            const auto& [color, depth, camera, lane_m] = recorded.views[i];
             surfaces.push_back(surface_view(camera.intrinsics, camera.ego_from_cam, depth, towards_m));
         }
         for (size_t i = 0; i < surfaces.size(); ++i)
@@ -116,11 +117,7 @@ PairPlanes recorded_pair(const RecordedViews& recorded, size_t chosen, const Shi
         rig.cameras[size_t(own)].image = &color;
         const Seam seam = seam_recorded(rig.cameras, own, lost, {});
         const Sources from = sources_of(seam, own);
-        // As in a shifted view, where a neighbour gives a color the depth is not known.
-        DepthMap depth = view.depth;
-        for (size_t i = 0; i < depth.size(); ++i)
-            if (from.neighbor.data[i]) depth.data[i] = std::numeric_limits<float>::quiet_NaN();
-        pair = planes_of(seam.color, depth, from.hole, &view.color, &from.neighbor);
+        pair = planes_of(seam.color, view.depth, from.hole, &view.color, &from.neighbor);
     }
     pair.weight.resize(classes.size());
     for (size_t i = 0; i < classes.size(); ++i) {
@@ -168,8 +165,11 @@ std::vector<float> display_planes(const ColorImage& image) {
     return planes;
 }
 
-PairPlanes planes_of(const ColorImage& color, const DepthMap& depth, const Mask& hole, const ColorImage* target,
+PairPlanes planes_of(const ColorImage& color, const DepthMap& own_depth, const Mask& hole, const ColorImage* target,
                      const Mask* neighbor) {
+    DepthMap depth = own_depth;
+    for (size_t i = 0; neighbor && i < depth.size(); ++i)
+        if (neighbor->data[i]) depth.data[i] = std::numeric_limits<float>::quiet_NaN();
     PairPlanes p;
     p.width = color.width;
     p.height = color.height;
@@ -192,24 +192,27 @@ const std::vector<std::string>& arm_names() {
     return names;
 }
 
-RecordedViews record_frame(const analytic::StreetScene& street, int frame, int width) {
+RecordedViews record_frame(const analytic::StreetScene& street, int frame, int width, double lane_m) {
     RecordedViews out;
-    for (const analytic::RigCamera& camera : analytic::six_camera_rig(width, width * 9 / 16)) {
+    for (analytic::RigCamera& camera : analytic::six_camera_rig(width, width * 9 / 16)) {
+        camera.ego_from_cam.translation_m.y += lane_m;
         const TrueCamera at = analytic::recorded_camera(camera, frame);
-        out.views.push_back({analytic::street_color(street, at, color_samples), cast_camera(street.scene, at).depth, camera});
+        out.views.push_back({analytic::street_color(street, at, color_samples), cast_camera(street.scene, at).depth, camera, lane_m});
     }
     out.rig_size = out.views.size();
     return out;
 }
 
-RecordedViews record_streets(const std::vector<uint32_t>& seeds, int frames, int width,
+RecordedViews record_streets(const std::vector<uint32_t>& seeds, int frames, int width, double lanes_m,
                              const std::function<void(size_t, size_t)>& show) {
     RecordedViews out;
     for (const uint32_t seed : seeds) {
         const analytic::StreetScene street = analytic::build_street(seed);
         for (int f = 0; f < frames; ++f) {
             show(out.views.size(), seeds.size() * size_t(frames) * out.rig_size);
-            RecordedViews rig = record_frame(street, frames == 1 ? 0 : f * (analytic::most_frames - 1) / (frames - 1), width);
+            analytic::Stream random(seed, uint32_t(f) + 41);
+            RecordedViews rig = record_frame(street, frames == 1 ? 0 : f * (analytic::most_frames - 1) / (frames - 1), width,
+                                             random.within(-lanes_m, lanes_m));
             out.rig_size = rig.rig_size;
             std::move(rig.views.begin(), rig.views.end(), std::back_inserter(out.views));
         }
@@ -222,7 +225,8 @@ PairPlanes training_pair(const RecordedViews& recorded, uint64_t seed, uint64_t 
     for (;;) {
         const size_t chosen = size_t(random.whole(0, int(recorded.views.size()) - 1));
         Shift shift;
-        shift.translation_m = {random.within(-1, 1), random.within(0.5, 4) * (random.chance(0.5) ? 1 : -1), 0};
+        shift.translation_m = {random.within(-1, 1), random.within(0.5, most_shift_m) * (random.chance(0.5) ? 1 : -1), 0};
+        if (std::abs(recorded.views[chosen].lane_m + shift.translation_m.y) > most_shift_m) shift.translation_m.y *= -1;
         PairPlanes pair = arm == Arm::extrapolation ? splatted_pair(recorded, chosen, shift)
                                                     : recorded_pair(recorded, chosen, shift, arm);
         std::vector<size_t> centers;  // what weighs most
@@ -256,10 +260,7 @@ TrueShiftedView true_shifted_view(const analytic::StreetScene& street, const Rec
     if (!with_seam) return out;
     const ShiftedSeam seam = seam_shifted(rig.cameras, int(own), v, {});
     const Sources from = sources_of(seam.seam, int(own));
-    DepthMap depth = seen.depth;
-    for (size_t i = 0; i < depth.size(); ++i)
-        if (from.neighbor.data[i]) depth.data[i] = std::numeric_limits<float>::quiet_NaN();
-    out.seam_planes = planes_of(seam.seam.color, depth, from.hole, &out.truth, &from.neighbor);
+    out.seam_planes = planes_of(seam.seam.color, seen.depth, from.hole, &out.truth, &from.neighbor);
     return out;
 }
 

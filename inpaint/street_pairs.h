@@ -21,9 +21,9 @@ struct PairPlanes {
     vshift_inpaint_views views() const;
 };
 
-/// Fills the hole (fill_background) and makes planes. `target` and `neighbor` (whose pixels a neighbour gave) may be
-/// null; `color` and `depth` are not read in holes.
-PairPlanes planes_of(const ColorImage& color, const DepthMap& depth, const Mask& hole, const ColorImage* target,
+/// Fills the hole (fill_background) and makes planes. `target` and `neighbor` (which pixels a neighbour gave: their depth
+/// counts as not known) may be null; `color` and `own_depth` are not read in holes.
+PairPlanes planes_of(const ColorImage& color, const DepthMap& own_depth, const Mask& hole, const ColorImage* target,
                      const Mask* neighbor = nullptr);
 
 /// What a training pair is made of; the rows of the paper's Table 2 and what we add.
@@ -45,15 +45,17 @@ struct RecordedViews {
         ColorImage color;
         DepthMap depth;
         analytic::RigCamera camera;
+        double lane_m = 0;  ///< how far left of the drive's line the rig stood
     };
     std::vector<View> views;
     size_t rig_size = 6;
 };
-RecordedViews record_streets(const std::vector<uint32_t>& seeds, int frames, int width,
+/// Each rig stands up to `lanes_m` to either side of the drive's line, by chance: drives in other lanes.
+RecordedViews record_streets(const std::vector<uint32_t>& seeds, int frames, int width, double lanes_m,
                              const std::function<void(size_t done, size_t total)>& show);
 
 /// Training pair `number` of a run: a view and a sideways shift of 0.5 to 4 m to either side (up to 1 m along) follow
-/// from seed and number. What is lost from there is the hole (method.md section 2). Views in which nothing is occluded are passed by. What
+/// from seed and number; the side is the one that keeps V within 4 m of the drive's line, or drawn. What is lost from there is the hole (method.md section 2). Views in which nothing is occluded are passed by. What
 /// is outside V's frame weighs a tenth: it is several times as much and can be guessed less. With `crop_px`, a square of
 /// that side that holds an occluded pixel, every other one mirrored; 0: whole views.
 PairPlanes training_pair(const RecordedViews& recorded, uint64_t seed, uint64_t number, int crop_px = 0,
@@ -74,6 +76,6 @@ std::vector<float> display_planes(const ColorImage& image);
 TrueShiftedView true_shifted_view(const analytic::StreetScene& street, const RecordedViews& recorded, size_t own, int frame,
                                   const Shift& shift, bool with_seam);
 /// That frame.
-RecordedViews record_frame(const analytic::StreetScene& street, int frame, int width);
+RecordedViews record_frame(const analytic::StreetScene& street, int frame, int width, double lane_m = 0);
 
 }  // namespace vshift::inpaint

@@ -29,6 +29,10 @@ ElementType element_of(at::ScalarType type) {
     throw Error(ExitCode::our_bug, std::string("tensor: got type ") + at::toString(type) + ", expected one of a file's");
 }
 
+[[noreturn]] void refuse(const std::string& what, const std::string& got, const std::string& expected) {
+    throw Error(ExitCode::bad_input, what + ": got " + got + ", expected " + expected);
+}
+
 /// Uniform in +-bound by a generator of our own, so that every Torch gives the same numbers.
 void fill_uniform(Tensor& t, double bound, uint64_t& state) {
     float* data = t.data_ptr<float>();
@@ -82,6 +86,43 @@ uint64_t hash_of(const Weights& weights) {
         stored.push_back(stored_of(name, kept.back()));
     }
     return hash_of(std::move(stored));
+}
+
+const std::string& trained_config(const TensorFiles& files, const std::string& command) {
+    const auto config = files.metadata().find("config");
+    if (config == files.metadata().end())
+        refuse(files.file() + ": config", "none in the metadata", "a model of " + command);
+    return config->second;
+}
+
+std::map<std::string, Weights> trained_weights(const TensorFiles& files, const Groups& groups) {
+    std::map<std::string, Weights> out;
+    size_t count = 0;
+    for (const auto& [prefix, layout] : groups)
+        for (const auto& [name, shape] : layout) {
+            const StoredTensor* t = files.find(prefix + name);
+            if (!t) refuse(files.file() + ": " + prefix + name, "none", "a tensor of shape " + text_of(shape));
+            if (t->shape != shape) refuse(files.file() + ": " + t->name, "shape " + text_of(t->shape), text_of(shape));
+            if (t->type < ElementType::f16) refuse(files.file() + ": " + t->name, name_of(t->type), "a float type");
+            out[prefix][name] = tensor_of(*t);
+            ++count;
+        }
+    if (files.tensors().size() != count)
+        refuse(files.file() + ": tensors", std::to_string(files.tensors().size()), std::to_string(count) + " of the config");
+    return out;
+}
+
+void write_trained(const std::filesystem::path& file, const std::map<std::string, const Weights*>& groups,
+                   std::map<std::string, std::string> metadata, const std::string& config) {
+    std::vector<Tensor> kept;
+    std::vector<StoredTensor> stored;
+    for (const auto& [prefix, weights] : groups)
+        for (const auto& [name, t] : *weights) {
+            kept.push_back(t.detach().cpu().contiguous());
+            stored.push_back(stored_of(prefix + name, kept.back()));
+        }
+    metadata["config"] = config;
+    write_tensor_file(file, stored, metadata);
 }
 
 Weights initial_weights(const Layout& layout, uint64_t seed, const std::function<bool(const std::string&)>& zero) {

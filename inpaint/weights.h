@@ -25,6 +25,16 @@ StoredTensor stored_of(const std::string& name, const Tensor& tensor);
 /// All of a layout, as float32. Throws as require_layout does.
 Weights load_weights(const TensorFiles& files, const Layout& layout, Network network);
 
+/// Of a model that vshift trained, by the metadata's "config"; throws Error bad_input, saying which `command` makes one.
+const std::string& trained_config(const TensorFiles& files, const std::string& command);
+/// Groups of a trained model's tensors, by the prefix of their names in the file.
+using Groups = std::map<std::string, Layout>;
+/// All of them, as float32, and no other tensor is there: Error bad_input names what does not fit.
+std::map<std::string, Weights> trained_weights(const TensorFiles& files, const Groups& groups);
+/// Writes them, with `config` among the metadata.
+void write_trained(const std::filesystem::path& file, const std::map<std::string, const Weights*>& groups,
+                   std::map<std::string, std::string> metadata, const std::string& config);
+
 /// hash_of over the weights as they are.
 uint64_t hash_of(const Weights& weights);
 

@@ -4,7 +4,7 @@
     /usr/bin/python3 benchmark/charts/training_gain.py OUT few.judge.json more.judge.json most.judge.json
 
 Each model lies beside its judge.json and says how many pairs and streets it saw; OUT.svg and OUT.png are drawn over the
-streets that all were judged on.
+streets that all were judged on. Models of drives in other lanes (--lanes-m) are stars, apart from the others' line.
 """
 import json
 import math
@@ -43,16 +43,20 @@ def main():
     out, files = sys.argv[1], sys.argv[2:]
     models = sorted(((training_record(f), json.loads(Path(f).read_text())["views"]) for f in files),
                     key=lambda m: m[0]["pairs"])
+    lanes = [bool(m.get("lanes_m")) for m, _ in models]
     common = set.intersection(*({r["seed"] for r in views} for _, views in models))
     figure, ax = plt.subplots(figsize=(6, 3.8), constrained_layout=True)
     for shift, color in COLORS.items():
         gains = [gain_db([r for r in views if abs(r["shift_m"]) == shift and r["seed"] in common]) for _, views in models]
-        ax.plot([m["pairs"] for m, _ in models], gains, "o-", color=color, label=f"{shift} m")
+        points = [(m["pairs"], g, other) for (m, _), g, other in zip(models, gains, lanes)]
+        ax.plot(*zip(*[p[:2] for p in points if not p[2]]), "o-", color=color, label=f"{shift} m")
+        ax.plot(*zip(*[p[:2] for p in points if p[2]]), "*", color=color, markersize=13)
         print(f"{shift} m:", ", ".join(f"{m['pairs']} pairs {g:+.2f} dB" for (m, _), g in zip(models, gains)))
     ax.axhline(1, color="#666666", linestyle=":", linewidth=1)
     ax.set(xscale="log", xlabel="training pairs (streets)", ylabel="gain over the best classical fill, dB",
            title=f"true disocclusions, {len(common)} streets that no training saw")
-    ax.set_xticks([m["pairs"] for m, _ in models], [f"{m['pairs']} ({m['streets']})" for m, _ in models])
+    ax.set_xticks([m["pairs"] for m, _ in models],
+                  [f"{m['pairs']} ({m['streets']})" + ("\nother lanes" if other else "") for (m, _), other in zip(models, lanes)], fontsize=7)
     ax.minorticks_off()
     ax.set_ylim(bottom=min(0, ax.get_ylim()[0]))
     ax.legend(frameon=False, title="shift")

@@ -6,6 +6,7 @@
 #include <limits>
 #include <memory>
 #include <optional>
+#include <sstream>
 
 #include "embree_core/answer.h"
 #include "embree_core/benchmark_set.h"
@@ -40,8 +41,10 @@ void check_method(const std::string& name) {
     auto names = fill_method_names();
     names.push_back(network_method);
     if (!std::count(names.begin(), names.end(), name))
-        throw Error(ExitCode::bad_input, "usage: --method: got '" + name + "', expected background, pushpull, telea, ns or "
-                                             "network (nearest: " + nearest_word(name, names) + ")");
+        throw Error(ExitCode::bad_input, "usage: --method: got '" + name +
+                                             "', expected background, pushpull, telea, ns or "
+                                             "network (nearest: " +
+                                             nearest_word(name, names) + ")");
 }
 
 /// The seam as a warp: what it has no color for is a hole.
@@ -54,9 +57,14 @@ Channels warp_of_seam(const Recipe& recipe, Request request, FrameFiles& files) 
     out.metadata = seam.image.metadata;
     for (const char* name : {"R", "G", "B"}) out.add(name, seam.image.plane(name));
     out.add("Z", std::move(seam.seam_z));
-    std::vector<float> hole = seam.image.plane("source");
+    std::istringstream names(seam.image.metadata.at("vshift.sources"));
+    int own = 0;
+    for (std::string name; names >> name && name != request.camera;) ++own;
+    std::vector<float> hole = seam.image.plane("source"), neighbor = hole;
     for (float& source : hole) source = source < 0;
+    for (float& source : neighbor) source = source >= 0 && source != float(own);
     out.add("hole", std::move(hole));
+    out.add("neighbor", std::move(neighbor));
     return out;
 }
 
@@ -64,6 +72,7 @@ Channels warp_of_seam(const Recipe& recipe, Request request, FrameFiles& files) 
 struct Warped {
     ColorImage color;
     Mask hole;
+    std::optional<Mask> neighbor;  ///< of a seam
     DepthMap depth;
 
     explicit Warped(const Channels& warp)
@@ -71,6 +80,10 @@ struct Warped {
         const auto& holes = warp.plane("hole");
         for (size_t i = 0; i < hole.size(); ++i) hole.data[i] = holes[i] > 0.5f;
         depth.data = warp.plane("Z");
+        if (!warp.has("neighbor")) return;
+        const auto& neighbors = warp.plane("neighbor");
+        neighbor.emplace(warp.width, warp.height);
+        for (size_t i = 0; i < color.size(); ++i) neighbor->data[i] = neighbors[i] > 0.5f;
     }
 };
 
@@ -109,8 +122,9 @@ public:
         }
         if (options.network() == options.model.empty())
             throw Error(ExitCode::bad_input,
-                        options.network() ? "usage: --model: got none, expected the network's file (of vshift train)"
-                                          : "usage: --model: got " + options.model + " without --method network, expected both");
+                        options.network()
+                            ? "usage: --model: got none, expected the network's file (of vshift train)"
+                            : "usage: --model: got " + options.model + " without --method network, expected both");
         many_ = !options.out_dir.empty();
         if (many_ == !options.output.empty())
             throw Error(ExitCode::bad_input, "usage: got " + std::string(many_ ? "both" : "neither") +
@@ -209,10 +223,12 @@ private:
         Warped warped;
         Elapsed took;
         HoledView holed() const { return {warped.color, warped.hole, warped.depth}; }
+        inpaint::NetworkView to_network() const { return {holed(), warped.neighbor ? &*warped.neighbor : nullptr}; }
     };
     Begun begun(const View& view) {
         const Stopwatch watch;
-        Channels warp = options_.seam ? warp_of_seam(recipe_, view.request, files_) : answer(recipe_, view.request, files_).image;
+        Channels warp =
+            options_.seam ? warp_of_seam(recipe_, view.request, files_) : answer(recipe_, view.request, files_).image;
         const Elapsed took = watch.read();
         Warped warped(warp);
         return {std::move(warp), std::move(warped), took};
@@ -226,14 +242,14 @@ private:
         const Begun b = begun(view);
         for (const std::string& method : left) {
             const Stopwatch watch;
-            const ColorImage color = method == network_method ? network_->next({b.holed()})[0]
+            const ColorImage color = method == network_method ? network_->next({b.to_network()})[0]
                                                               : fill(b.holed(), fill_method(method, "usage: --method"));
             store(view, b, color, method, watch.read(), made_from(view.request, method));
         }
     }
 
-    /// The frames of one camera and shift by a model that looks back. Where an earlier run was cut, what is left depends on
-    /// frames that are there: those are filled again, to be remembered, and not written.
+    /// The frames of one camera and shift by a model that looks back. Where an earlier run was cut, what is left
+    /// depends on frames that are there: those are filled again, to be remembered, and not written.
     void stream(const std::vector<int>& frames, const NamedShift& shift, const std::string& camera) {
         struct Frame {
             View view;
@@ -243,7 +259,9 @@ private:
         std::vector<Frame> all;
         for (const int frame : frames)
             if (auto view = view_of(frame, shift, camera)) all.push_back({std::move(*view), "", false});
-        const auto end_of = [&](size_t at) { return std::min(all.size(), at + (at == 0 ? 1 : size_t(network_->piece()))); };
+        const auto end_of = [&](size_t at) {
+            return std::min(all.size(), at + (at == 0 ? 1 : size_t(network_->piece())));
+        };
         size_t needed = 0;  // so many, from the first
         std::string past;
         for (size_t at = 0, end; at < all.size(); at = end) {
@@ -261,12 +279,12 @@ private:
         for (size_t at = 0, end; at < needed; at = end) {
             end = end_of(at);
             std::vector<Begun> piece;
-            std::vector<HoledView> holed;
+            std::vector<inpaint::NetworkView> holed;
             for (size_t i = at; i < end; ++i) {
                 tick(camera + " " + shift.name);
                 piece.push_back(begun(all[i].view));
             }
-            for (const Begun& b : piece) holed.push_back(b.holed());
+            for (const Begun& b : piece) holed.push_back(b.to_network());
             const Stopwatch watch;
             const std::vector<ColorImage> colors = network_->next(holed);
             Elapsed took = watch.read();
@@ -277,8 +295,8 @@ private:
         done_ += frames.size() - needed;
     }
 
-    void store(const View& view, const Begun& b, const ColorImage& color, const std::string& method, const Elapsed& took,
-               const std::string& from) {
+    void store(const View& view, const Begun& b, const ColorImage& color, const std::string& method,
+               const Elapsed& took, const std::string& from) {
         const fs::path file = many_ ? fs::path(options_.out_dir) / arm(method) / view.item : fs::path(options_.output);
         if (many_) make_folders(file.parent_path());
         write_image(file, filled_image(b.warp, color, method),
@@ -297,7 +315,8 @@ private:
                          {"fill_ms", took.wall_ms},
                          {"fill_cpu_ms", took.cpu_ms}});
         if (!in_set_.empty())
-            manifest_->record_done((in_set_ / arm(method) / view.item).string(), "fill", (b.took.wall_ms + took.wall_ms) / 1000, from);
+            manifest_->record_done((in_set_ / arm(method) / view.item).string(), "fill",
+                                   (b.took.wall_ms + took.wall_ms) / 1000, from);
     }
 
     /// run.json beside an arm's results: its rows, and those of an earlier run whose files are still there.

@@ -33,7 +33,7 @@ struct Options {
     int frames = 2, width = 256, crop = 0, pairs = 1500, steps = 1000, batch = 8, accumulate = 1, threads = 0, checkpoint_every = 100;
     std::vector<int> euler_steps{1};
     int64_t seed = 1;
-    double learning_rate = 1e-4, ema = 0.999;
+    double learning_rate = 1e-4, ema = 0.999, lanes_m = 0;
     bool flow = false, no_masks = false, no_depth = false, judge_only = false;
 };
 
@@ -166,8 +166,8 @@ void train(const Options& o, const std::vector<uint32_t>& seeds, const std::vect
     if (depth)
         depth_views = inpaint::record_depth_views(seeds, o.frames, o.width, show);
     else
-        recorded = inpaint::record_streets(seeds, o.frames, o.width, show);
-    if (o.kind == "autoencoder") checks = inpaint::record_streets(others, 1, o.width, show);
+        recorded = inpaint::record_streets(seeds, o.frames, o.width, o.lanes_m, show);
+    if (o.kind == "autoencoder") checks = inpaint::record_streets(others, 1, o.width, 0, show);
     const size_t views = depth ? depth_views.size() : recorded.views.size();
     drawing.finish();
     inpaint::PixelPool pool;
@@ -189,7 +189,7 @@ void train(const Options& o, const std::vector<uint32_t>& seeds, const std::vect
         {"license", "Apache-2.0"},
         {"record", {{"data", depth ? "analytic streets, pictures and their true depth" : "analytic streets, virtual shifts of 0.5 to 4 m of recorded views"},
                     {"arm", depth ? "" : o.arm}, {"begins_with", fs::path(o.regression).filename().string()}, {"streets", o.streets},
-                    {"frames", o.frames}, {"width", o.width}, {"crop", o.crop}, {"pairs", pool.size() ? o.pairs : 0}, {"pixels", pool.size()}, {"views", views}}}};
+                    {"frames", o.frames}, {"lanes_m", o.lanes_m}, {"width", o.width}, {"crop", o.crop}, {"pairs", pool.size() ? o.pairs : 0}, {"pixels", pool.size()}, {"views", views}}}};
     const auto seed = uint64_t(o.seed);
     const inpaint::Arm arm = arm_of(o.arm);
     Run run{[&](uint64_t number) {
@@ -271,6 +271,9 @@ void add_train_verb(CLI::App& app) {
     sub->add_option("--judge-also", o->judge_also, "further models, judged on the same views")->delimiter(',');
     sub->add_flag("--judge-only", o->judge_only, "the model is there: no training");
     sub->add_option("--frames", o->frames, "of each street")->capture_default_str()->check(CLI::Range(1, 81));
+    sub->add_option("--lanes-m", o->lanes_m, "recorded drives keep up to so far to either side of the street's middle")
+        ->capture_default_str()
+        ->check(CLI::Range(0.0, 4.0));
     sub->add_option("--width", o->width, "of the pictures, px")->capture_default_str()->check(CLI::Range(64, 1600));
     sub->add_option("--crop", o->crop, "side of the squares that are trained on, px; 0: whole views")->check(CLI::Range(0, 1600));
     sub->add_option("--kind", o->kind,

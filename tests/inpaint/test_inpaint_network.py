@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """vshift inpaint --method network as a user runs it, with a tiny model that the test trains."""
+import json
 import os
 import subprocess
 import tempfile
@@ -11,6 +12,8 @@ import numpy as np
 VSHIFT = os.environ["VSHIFT_BIN"]
 SCENES = str(Path(VSHIFT).with_name("vshift-scenes"))
 HAS_NETWORK = os.environ["VSHIFT_HAS_TORCH"] == "ON"
+SHORT_TRAINING = ["--streets", 1, "--frames", 1, "--width", 96, "--crop", 48, "--batch", 2, "--steps", 20, "--learning-rate", "5e-3",
+                  "--threads", 1]
 VIEW = ["--camera", "CAM_FRONT", "--shift", "0,2,0"]
 
 
@@ -30,8 +33,7 @@ class InpaintNetwork(unittest.TestCase):
         cls.model = cls.folder / "tiny.safetensors"
         if HAS_NETWORK:
             (cls.folder / "tiny.json").write_text('{"unet": {"widths": [4, 8], "freq_dim": 4}}')
-            done = run("train", "-o", cls.model, "--config", cls.folder / "tiny.json", "--streets", 1, "--frames", 1, "--width", 96,
-                       "--crop", 48, "--batch", 2, "--steps", 20, "--learning-rate", "5e-3", "--threads", 1)
+            done = run("train", "-o", cls.model, "--config", cls.folder / "tiny.json", *SHORT_TRAINING)
             assert done.returncode == 0, done.stderr
 
     def inpaint(self, *words, **settings):
@@ -61,6 +63,28 @@ class InpaintNetwork(unittest.TestCase):
             differs = (network[..., :3] != classical[..., :3]).any(-1)
             self.assertGreater(differs[hole].mean(), 0.9)
             self.assertLess(np.abs(network - classical)[hole].max(), 0.9)  # it begins at the fill
+
+    @unittest.skipUnless(HAS_NETWORK, "built without LibTorch")
+    def test_the_seam_says_which_pixels_a_neighbour_gave(self):
+        model = self.folder / "neighbors.safetensors"
+        done = run("train", "-o", model, "--config", self.folder / "tiny.json", "--arm", "seam", *SHORT_TRAINING)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        done = run("seam", self.recipe, *VIEW, "-o", self.folder / "seam.npy")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        source = np.load(self.folder / "seam.npy")[..., 3]
+        own = [c["name"] for c in json.loads(self.recipe.read_text())["cameras"]].index("CAM_FRONT")
+        given = (source >= 0) & (source != own)
+        self.assertGreater(given.sum(), 100)
+        classical = self.image("seam_classical.npy", "--seam")
+        for file, changes in ((model, True), (self.model, False)):  # trained with neighbours, and without
+            network = self.image("seam_network.npy", "--method", "network", "--model", file, "--seam")
+            differs = (network[..., :3] != classical[..., :3]).any(-1)
+            self.assertFalse(differs[source == own].any())
+            self.assertGreater(differs[source < 0].mean(), 0.9)
+            if changes:
+                self.assertGreater(differs[given].mean(), 0.9)
+            else:
+                self.assertFalse(differs[given].any())
 
     @unittest.skipUnless(HAS_NETWORK, "built without LibTorch")
     def test_a_view_is_the_same_whatever_came_before(self):

@@ -110,8 +110,24 @@ TEST_CASE("texture: blur and noise are far from the truth, another part of it is
     CHECK(std::isnan(texture_distance(texture_moments(truth, Mask(width, height)), of_truth)));
 }
 
+TEST_CASE("training pairs: a rig in another lane sees what a shifted camera sees", "[pairs]") {
+    const analytic::StreetScene street = analytic::build_street(3);
+    const RecordedViews middle = record_frame(street, 20, 96), left = record_frame(street, 20, 96, 2.5);
+    REQUIRE(left.views.size() == middle.views.size());
+    Shift shift;
+    shift.translation_m = {0, 2.5, 0};
+    const TrueShiftedView there = true_shifted_view(street, middle, 1, 20, shift, false);
+    CHECK(display_planes(left.views[1].color) == there.planes.target);
+    const RecordedViews lanes = record_streets({3, 4}, 2, 64, 4, [](size_t, size_t) {});
+    for (size_t i = 0; i < lanes.views.size(); ++i) {
+        CHECK(std::abs(lanes.views[i].lane_m) <= 4);
+        CHECK(lanes.views[i].lane_m == lanes.views[i - i % lanes.rig_size].lane_m);
+        if (i >= lanes.rig_size) CHECK(lanes.views[i].lane_m != lanes.views[i - lanes.rig_size].lane_m);
+    }
+}
+
 TEST_CASE("training pairs: what each arm is made of", "[pairs]") {
-    const RecordedViews recorded = record_streets({3}, 1, 128, [](size_t, size_t) {});
+    const RecordedViews recorded = record_streets({3}, 1, 128, 0, [](size_t, size_t) {});
     REQUIRE(recorded.views.size() == recorded.rig_size);
     size_t neighbors = 0, resampled = 0, unknown = 0;
     for (uint64_t number = 0; number < 12; ++number) {

@@ -46,32 +46,77 @@ Views views_of(const Picture& p) {
     return v;
 }
 
+/// As training takes it.
+std::vector<float> seen_from(const Picture& p, int x, int y) {
+    std::vector<float> seen(seen_numbers);
+    write_seen(ray_numbers_of(p.planes(), {int32_t(p.at(x, y))}), 0, seen.data());
+    return seen;
+}
+
+Tensor tensor_of(const std::vector<float>& seen) {
+    return at::from_blob(const_cast<float*>(seen.data()), {1, seen_numbers}, at::kFloat).clone();
+}
+
 }  // namespace
 
 TEST_CASE("rays: the first known pixels of a strip, by hand", "[rays]") {
     const Picture p = two_walls(20, 9, 8, 12);
-    const RayNumbers seen = ray_numbers_of(p.planes(), {int32_t(p.at(9, 4))});
-    const auto ray = [&](size_t k) { return seen.rays.data() + k * ray_numbers; };
-    const auto check = [&](size_t k, bool red, float far) {
+    const std::vector<float> seen = seen_from(p, 9, 4);
+    const auto ray = [&](size_t k) { return seen.data() + k * ray_numbers; };
+    const auto check = [&](size_t k, bool red, float far, double pixels) {
         CAPTURE(k);
-        CHECK(ray(k)[0] == (red ? 1.0f : -1.0f));
-        CHECK(ray(k)[2] == (red ? -1.0f : 1.0f));
-        CHECK(ray(k)[3] == ray(k)[0]);
-        CHECK(ray(k)[6] == Approx(red ? 2.0 : 0.4));
+        for (const size_t color : {0, 3, 10, 14, 18, 22, 25}) {
+            CHECK(ray(k)[color] == (red ? 1.0f : -1.0f));
+            CHECK(ray(k)[color + 2] == (red ? -1.0f : 1.0f));
+        }
+        for (const size_t near : {6, 7, 13, 17, 21, 31}) CHECK(ray(k)[near] == Approx(red ? 2.0 : 0.4));
         CHECK(ray(k)[8] == Approx(std::log((red ? 0.25 : 0.05) + 0.005)));
-        CHECK(ray(k)[10] == Approx(std::log(1.0 + double(far))));
-        CHECK(ray(k)[12] == 1);
+        CHECK(ray(k)[28] == Approx(std::log(pixels) / 3));
+        CHECK(ray(k)[29] == Approx(std::log(1.0 + double(far))));
+        CHECK(ray(k)[30] == Approx(1 / (1.0 + double(far))));
+        CHECK(ray(k)[32] == 1);
     };
-    check(0, false, 4);                      // 9 -> 13
-    check(8, true, 2);                       // 9 -> 7
-    check(2, false, 4 * std::sqrt(2.0f));    // row 8, the last one
-    check(1, false, 2 * std::sqrt(5.0f));    // (2, 1) twice
-    check(5, true, 2 * std::sqrt(5.0f));   // (-1, 2) twice: row 8
-    check(11, true, 2 * std::sqrt(5.0f));
+    check(0, false, 4, 7);                      // 9 -> 13
+    check(8, true, 2, 8);                       // 9 -> 7
+    check(2, false, 4 * std::sqrt(2.0f), 1);    // row 8, the last one
+    check(1, false, 2 * std::sqrt(5.0f), 3);    // (2, 1) twice; columns 13, 15, 17, rows 6, 7, 8
+    check(5, true, 2 * std::sqrt(5.0f), 1);     // (-1, 2) twice: row 8
+    check(11, true, 2 * std::sqrt(5.0f), 1);
     for (const size_t k : {3, 4, 12, 13})  // the image ends before
         for (size_t j = 0; j < ray_numbers; ++j) CHECK(ray(k)[j] == 0);
-    CHECK(seen.own[3] == Approx(0));
-    CHECK(seen.own[4] == Approx(std::fabs(2 * 9.5 / 20 - 1)));
+    CHECK(seen[ray_count * ray_numbers + 3] == Approx(0));
+    CHECK(seen[ray_count * ray_numbers + 4] == Approx(std::fabs(2 * 9.5 / 20 - 1)));
+}
+
+TEST_CASE("rays: a plane that goes on under the hole is known there; what stands on it ends its run", "[rays]") {
+    Picture p = two_walls(60, 40, 28, 35);
+    const auto plane = [](int x, int y) { return 0.02f + 0.001f * float(x) + 0.002f * float(y); };
+    const size_t n = p.hole.size();
+    for (int y = 0; y < p.height; ++y)
+        for (int x = 0; x < p.width; ++x) {
+            const size_t i = p.at(x, y);
+            for (size_t c = 0; c < 3; ++c) p.fill[c * n + i] = float(x) / 60;
+            p.inverse_depth[i] = x >= 40 ? 0.9f : plane(x, y);  // right of column 39 something nearer
+        }
+    const std::vector<float> seen = seen_from(p, 30, 20);
+    size_t met = 0;
+    for (size_t k = 0; k < ray_count; ++k)
+        if (const float* ray = seen.data() + k * ray_numbers; ray[32] > 0 && (k > 2 && k < 14)) {  // to the left
+            CHECK(ray[31] == Approx(8 * plane(30, 20)).epsilon(1e-3));
+            ++met;
+        }
+    CHECK(met >= 5);
+    const float* right = seen.data();  // columns 36 to 39 are the plane
+    CHECK(right[31] == Approx(8 * plane(30, 20)).epsilon(1e-3));
+    CHECK(right[28] == Approx(std::log(4.0) / 3));
+    for (const size_t mean : {22, 25}) CHECK(right[mean] == Approx(2 * 37.5 / 60 - 1));
+    CHECK(right[13] == Approx(8 * 0.9));  // 4 steps beyond it is what stands there
+    CHECK(right[10] == Approx(2 * 40.0 / 60 - 1));
+    // Pixels of one row share the edge.
+    const RayNumbers row = ray_numbers_of(p.planes(), {int32_t(p.at(29, 20)), int32_t(p.at(33, 20))});
+    CHECK(row.edge[0] == row.edge[ray_count]);
+    CHECK(row.edge[8] == row.edge[ray_count + 8]);
+    CHECK(row.edge[0] != row.edge[8]);
 }
 
 TEST_CASE("rays: the mirrored image gives the mirrored rays", "[rays]") {
@@ -85,11 +130,10 @@ TEST_CASE("rays: the mirrored image gives the mirrored rays", "[rays]") {
             q.hole[to] = p.hole[from];
             q.inverse_depth[to] = p.inverse_depth[from];
         }
-    const RayNumbers a = ray_numbers_of(p.planes(), {int32_t(p.at(10, 6))});
-    const RayNumbers b = ray_numbers_of(q.planes(), {int32_t(q.at(p.width - 1 - 10, 6))});
-    for (size_t k = 0; k < ray_count; ++k)
-        for (size_t j = 0; j < ray_numbers; ++j) CHECK(a.rays[k * ray_numbers + j] == b.rays[mirrored_ray(k) * ray_numbers + j]);
-    for (size_t j = 0; j < own_numbers; ++j) CHECK(a.own[j] == Approx(b.own[j]));
+    std::vector<float> mirrored(seen_numbers);
+    mirror_seen(seen_from(p, 10, 6).data(), mirrored.data());
+    const std::vector<float> there = seen_from(q, p.width - 1 - 10, 6);
+    for (size_t j = 0; j < seen_numbers; ++j) CHECK(mirrored[j] == Approx(there[j]));
 }
 
 TEST_CASE("pixel_rays: begins as a mean that the fill leads, and leaves known pixels alone bit for bit", "[rays][model]") {
@@ -103,24 +147,49 @@ TEST_CASE("pixel_rays: begins as a mean that the fill leads, and leaves known pi
     const Tensor known = (v.hole == 0).expand_as(out);
     CHECK(at::equal(out.masked_select(known), v.fill.masked_select(known)));
     // At (9, 4): the fill (blue) with e^3, each ray that meets something with 1.
-    const RayNumbers seen = ray_numbers_of(p.planes(), {int32_t(p.at(9, 4))});
+    const std::vector<float> seen = seen_from(p, 9, 4);
     double red = 0, met = 0;
     for (size_t k = 0; k < ray_count; ++k)
-        if (seen.rays[k * ray_numbers + 12] > 0) {
+        if (seen[k * ray_numbers + ray_numbers - 1] > 0) {
             met += 1;
-            red += (double(seen.rays[k * ray_numbers + 3]) + 1) / 2;
+            red += (double(seen[k * ray_numbers + 3]) + 1) / 2;
         }
     REQUIRE(red > 2);
     CHECK(out[0][0][0][4][9].item<double>() == Approx(red / (met + std::exp(3.0))).epsilon(1e-5));
     CHECK(out[0][2][0][4][9].item<double>() == Approx(1 - red / (met + std::exp(3.0))).epsilon(1e-5));
-    // Training sees the same: the velocity at its only time is the way back from what is made to the fill.
-    const Tensor input = at::cat({at::from_blob(const_cast<float*>(seen.rays.data()), {1, ray_count * ray_numbers}, at::kFloat),
-                                  at::from_blob(const_cast<float*>(seen.own.data()), {1, own_numbers}, at::kFloat)}, 1)
-                             .view({1, -1, 1, 1, 1});
-    const Tensor back = velocity(model, model.weights, at::zeros({1, 3, 1, 1, 1}), at::ones({1}), input);
-    for (int64_t c = 0; c < 3; ++c)
-        CHECK(-back[0][c].item<double>() / config.residual_scale ==
-              Approx((out[0][c][0][4][9] - v.fill[0][c][0][4][9]).item<double>()).margin(1e-6));
+}
+
+TEST_CASE("pixel_rays: fills as it was trained, and deep in a hole every other pixel is a mean", "[rays][model]") {
+    Picture p = two_walls(40, 30, 8, 31);
+    const size_t n = p.hole.size();
+    for (size_t i = 0; i < 3 * n; ++i) p.fill[i] = float((i * 2654435761u >> 8) % 1000) / 1000;
+    ModelConfig config;
+    config.kind = Kind::pixel_rays;
+    Model model = initial_model(config, 1);
+    for (auto& [name, t] : model.weights) t = noise(t.sizes(), 3, t.numel()) * 0.1;
+    const Views v = views_of(p);
+    Stream stream;
+    const Tensor out = inpaint::inpaint(model, v, 1, 1, stream);
+    for (const int x : {8, 9, 11, 20, 30}) {  // the last but one: 12 from the edge, and even
+        const std::vector<float> seen = seen_from(p, x, 10);
+        // The velocity at its only time is the way back from what is made to the fill.
+        const Tensor back = velocity(model, model.weights, at::zeros({1, 3, 1, 1, 1}), at::ones({1}), tensor_of(seen).view({1, -1, 1, 1, 1}));
+        for (int64_t c = 0; c < 3; ++c) {
+            const double made = v.fill[0][c][0][10][x].item<double>() - back[0][c].item<double>() / config.residual_scale;
+            CHECK(out[0][c][0][10][x].item<double>() == Approx(std::clamp(made, 0.0, 1.0)).margin(1e-5));
+        }
+    }
+    for (int64_t c = 0; c < 3; ++c) {
+        const auto at = [&](int y, int x) { return out[0][c][0][y][x].item<double>(); };
+        CHECK(at(10, 21) == Approx((at(9, 21) + at(11, 21) + at(10, 20) + at(10, 22)) / 4).margin(1e-6));
+        CHECK(at(0, 21) == Approx((at(1, 21) + at(0, 20) + at(0, 22)) / 3).margin(1e-6));
+    }
+    // The same on any number of threads.
+    const int before = at::get_num_threads();
+    at::set_num_threads(before == 1 ? 2 : 1);
+    Stream again;
+    CHECK(at::equal(inpaint::inpaint(model, v, 1, 1, again), out));
+    at::set_num_threads(before);
 }
 
 TEST_CASE("pixel_rays: what does not fit is refused", "[rays][model]") {

@@ -23,8 +23,8 @@ def small(**other):
     return [word for key, value in options.items() for word in ([key] if value is True else [key, str(value)])]
 
 
-def run(*words, **settings):
-    return subprocess.run([VSHIFT, *words], env={**os.environ, **settings}, capture_output=True, text=True, timeout=120)
+def run(*words, timeout=120, **settings):
+    return subprocess.run([VSHIFT, *words], env={**os.environ, **settings}, capture_output=True, text=True, timeout=timeout)
 
 
 def header(file):
@@ -172,6 +172,21 @@ class Train(unittest.TestCase):
         self.assertEqual(other.returncode, 0, other.stderr)
         self.assertNotEqual((self.folder / "c.safetensors").read_bytes(), files[0])
 
+    def test_a_small_set_is_enough_to_beat_every_fill_elsewhere(self):
+        # 20 CPU seconds on six streets at 160 px; measured: loss 0.26 to 0.12, gains +0.37, +0.47, +0.67 dB at 1, 2, 4 m.
+        done = run("train", "-o", str(self.folder / "m.safetensors"), "--kind", "pixel_rays", "--streets", "1-6", "--frames", "1",
+                   "--lanes-m", "4", "--width", "160", "--pairs", "200", "--steps", "300", "--batch", "4", "--learning-rate", "2e-3",
+                   "--ema", "0.98", "--threads", "1", "--judge", "101-102", timeout=600)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        losses = [float(line.split(",")[1]) for line in (self.folder / "m.curve.csv").read_text().splitlines()[1:]]
+        self.assertLess(sum(losses[-20:]), 0.7 * sum(losses[:20]))
+        ways = json.loads((self.folder / "m.judge.json").read_text())["ways"]
+        gains = {r["shift_m"]: r["gain_db"] for r in ways if r["way"] == "m"}
+        self.assertEqual(sorted(gains), [0, 1, 2, 4])
+        self.assertGreater(gains[0], 0.3)
+        for size, gain in gains.items():
+            self.assertGreater(gain, 0.1, f"{size} m")
+
     def test_refuses(self):
         for options, code, part in (
                 ({"streets": "5-1"}, 3, "expected seeds"),
@@ -180,6 +195,7 @@ class Train(unittest.TestCase):
                 ({"kind": "autoencoder"}, 3, "--judge"),
                 ({"arm": "sem"}, 3, "nearest: seam"),
                 ({"kind": "cubic"}, 3, "pixel_unet"),
+                ({"lanes_m": 5}, 3, "--lanes-m"),
                 ({"steps": 0}, 3, "steps"),
                 ({"stepz": 1}, 3, "--steps"),
                 ({"config": "/nowhere.json"}, 4, "/nowhere.json")):
