@@ -89,8 +89,12 @@ void find_tears(const Intrinsics& intrinsics, const Grid<float>& w, const LiftOp
     const double fx_b = intrinsics.fx * options.baseline_m, fy_b = intrinsics.fy * options.baseline_m;
     const DepthRules& rules = options.rules;
     const auto rule = [&](double scale) {
-        return lifting::TearRule{least_step(scale, rules.tear_px), float(rules.tear_break), float(rules.crease_break),
-                                 rules.error.constant, rules.error.relative, rules.error.squared};
+        return lifting::TearRule{least_step(scale, rules.tear_px),
+                                 float(rules.tear_break),
+                                 float(rules.crease_break),
+                                 rules.error.constant,
+                                 rules.error.relative,
+                                 rules.error.squared};
     };
     const lifting::TearRule across = rule(fx_b), down = rule(fy_b);
     const std::vector<float> beyond(size_t(w.width), nan);
@@ -116,10 +120,10 @@ void find_tears(const Intrinsics& intrinsics, const Grid<float>& w, const LiftOp
             row[x] = bits;
         };
         // The kernel looks one pixel back and two ahead.
-        const size_t inner = w.width > 3 ? lifting::kernels().tears(row_at(y - 1) + 1, own + 1, row_at(y + 1) + 1,
-                                                                    row_at(y + 2) + 1, size_t(w.width) - 3, across,
-                                                                    down, row + 1)
-                                         : 0;
+        const size_t inner =
+            w.width > 3 ? lifting::kernels().tears(row_at(y - 1) + 1, own + 1, row_at(y + 1) + 1, row_at(y + 2) + 1,
+                                                   size_t(w.width) - 3, across, down, row + 1)
+                        : 0;
         one(0);
         for (int x = 1 + int(inner); x < w.width; ++x) one(x);
     });
@@ -178,9 +182,9 @@ SplitCell split_cell(const SurfaceField& f, int cx, int cy) {
 void check_size(const Intrinsics& intrinsics, const DepthMap& depth) {
     if (depth.width == intrinsics.width && depth.height == intrinsics.height && depth.width > 0 && depth.height > 0)
         return;
-    throw Error(ExitCode::bad_input,
-                "depth: size: got " + std::to_string(depth.width) + "x" + std::to_string(depth.height) +
-                    ", expected " + std::to_string(intrinsics.width) + "x" + std::to_string(intrinsics.height));
+    throw Error(ExitCode::bad_input, "depth: size: got " + std::to_string(depth.width) + "x" +
+                                         std::to_string(depth.height) + ", expected " +
+                                         std::to_string(intrinsics.width) + "x" + std::to_string(intrinsics.height));
 }
 
 LiftedMesh lift(const Intrinsics& intrinsics, const DepthMap& depth, const LiftOptions& options) {

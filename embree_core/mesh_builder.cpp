@@ -55,7 +55,7 @@ private:
     SurfaceField field_;
     const Intrinsics& k_;
     int width_, height_;
-    Grid<uint8_t> owned_;                ///< bit per way: the pixel owns the vertex half a pixel that way
+    Grid<uint8_t> owned_;  ///< bit per way: the pixel owns the vertex half a pixel that way
     /// Index of a pixel's first own half-edge vertex, where it has one, from its row's first one on.
     std::vector<uint32_t, Uninitialized<uint32_t>> first_owned_;
     std::vector<uint32_t> first_of_row_;
