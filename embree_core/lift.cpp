@@ -48,6 +48,9 @@ float read_pixels(LiftedMesh& mesh) {
 void snap_pixels(LiftedMesh& mesh, const CellPlan& plan) {
     if (plan.collapsed.empty()) return;
     const Intrinsics& k = mesh.intrinsics;
+    std::vector<double> ray_x, ray_y;
+    for (int x = 0; x < k.width; ++x) ray_x.push_back(ray(k, {x + 0.5, 0}).x);
+    for (int y = 0; y < k.height; ++y) ray_y.push_back(ray(k, {0, y + 0.5}).y);
     tbb::parallel_for(0, plan.collapsed[0].height, [&](int pair) {
         // A block belongs to its first pair of rows.
         for (int level = 1; level <= int(plan.collapsed.size()); ++level) {
@@ -62,8 +65,8 @@ void snap_pixels(LiftedMesh& mesh, const CellPlan& plan) {
                 if (level < int(plan.collapsed.size()) && plan.is_collapsed(level + 1, x >> 1, y >> 1)) continue;
                 snap_block(mesh.inverse_depth, plan, level, x, y, [&](int px, int py) {
                     const size_t at = size_t(py) * size_t(k.width) + size_t(px);
-                    const glm::dvec3 p = ray(k, {px + 0.5, py + 0.5}) / double(mesh.inverse_depth.data[at]);
-                    mesh.vertices[at] = {float(p.x), float(p.y), float(p.z), 0};
+                    const double z = 1 / double(mesh.inverse_depth.data[at]);
+                    mesh.vertices[at] = {float(ray_x[size_t(px)] * z), float(ray_y[size_t(py)] * z), float(z), 0};
                 });
             }
         }
