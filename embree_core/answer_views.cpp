@@ -65,8 +65,7 @@ Sampler sampler_of(const SurfaceView& view, const ColorImage& image, const Shift
 }
 
 void holes_answer(const Recipe& recipe, const Views& views, const Request& request, FrameFiles& files, Answer& out) {
-    const Rig rig =
-        read_rig(recipe, views, request, files, views.shifted.world_from_cam.translation_m, out);
+    const Rig rig = read_rig(recipe, views, request, files, views.shifted.world_from_cam.translation_m, out);
     const auto start = Clock::now();
     std::vector<Reprojection>& shown = files.room().shown;
     shown.resize(rig.surfaces.size());
@@ -89,7 +88,8 @@ void holes_answer(const Recipe& recipe, const Views& views, const Request& reque
         const EdgeBand edge = request.edge == "drop" ? EdgeBand::drop : EdgeBand::keep;
         std::vector<Sampler> samplers;
         for (size_t k = 0; k < rig.surfaces.size(); ++k)
-            samplers.push_back(sampler_of(rig.surfaces[k], files.color(rig.cameras[k]->name, request.frame), views.shifted));
+            samplers.push_back(
+                sampler_of(rig.surfaces[k], files.color(rig.cameras[k]->name, request.frame), views.shifted));
         const Warped warped = warp(h, samplers, edge);
         image.add_color(warped.color);
         h.hole = warped.missing;
@@ -112,8 +112,9 @@ Pose delayed_ego(const Recipe& recipe, const std::string& camera, int frame, dou
         if (gap > 0 && (!other || gap < std::fabs(time_of(*other) - time_of(now)))) other = &f;
     }
     if (!other)
-        throw Error(ExitCode::bad_input, recipe.file.string() + ": noise_time_s: got a recipe with one moment in time, "
-                                                                "expected two frames to know the ego's speed");
+        throw Error(ExitCode::bad_input, recipe.file.string() +
+                                             ": noise_time_s: got a recipe with one moment in time, "
+                                             "expected two frames to know the ego's speed");
     const double share = delay_s / (time_of(*other) - time_of(now));
     const Pose a = recipe.world_from_ego(camera, frame), b = recipe.world_from_ego(camera, other->index);
     const glm::dquat turn = glm::quat_cast(glm::transpose(a.rotation) * b.rotation);
@@ -128,9 +129,9 @@ void seam_answer(const Recipe& recipe, const Views& views, const Request& reques
     const std::string arm = condition ? request.arm : "virtual_shift";
     // Neighbours are looked up in R for a recorded view, seen from V otherwise.
     const bool in_recorded = recorded && arm != "literal";
-    const Rig rig = read_rig(
-        recipe, views, request, files,
-        in_recorded ? views.world_from_own.translation_m : views.shifted.world_from_cam.translation_m, out);
+    const Rig rig =
+        read_rig(recipe, views, request, files,
+                 in_recorded ? views.world_from_own.translation_m : views.shifted.world_from_cam.translation_m, out);
     auto start = Clock::now();
     SeamOptions options;
     options.depth_tolerance = request.depth_tolerance;
@@ -151,9 +152,9 @@ void seam_answer(const Recipe& recipe, const Views& views, const Request& reques
         if (request.noise.bends_geometry()) {
             Pose pose = rig.surfaces[i].world_from_cam;
             if (request.noise.time_s > 0)
-                pose = compose(delayed_ego(recipe, spec.name, request.frame,
-                                           degraded_delay_s(request.noise, spec.name)),
-                               spec.ego_from_cam);
+                pose =
+                    compose(delayed_ego(recipe, spec.name, request.frame, degraded_delay_s(request.noise, spec.name)),
+                            spec.ego_from_cam);
             bent[i] = std::make_unique<BentView>(
                 BentView{spec.intrinsics, degraded_pose(request.noise, spec.name, pose),
                          degraded_inverse_depth(request.noise, spec.name, rig.surfaces[i].inverse_depth)});
@@ -182,8 +183,8 @@ void seam_answer(const Recipe& recipe, const Views& views, const Request& reques
     } else {
         const SurfaceView& surface = rig.surfaces[size_t(rig.own)];
         const SweepCamera camera{views.own.intrinsics, views.shifted.intrinsics,
-                                 compose(inverse(views.world_from_own), views.shifted.world_from_cam),
-                                 request.clear_m, files.depth_rules(request, views.own.name)};
+                                 compose(inverse(views.world_from_own), views.shifted.world_from_cam), request.clear_m,
+                                 files.depth_rules(request, views.own.name)};
         Sweeper sweeper;
         Grid<uint8_t> classes;
         sweeper.classes(camera, files.depth(request, views.own.name), classes);
@@ -229,8 +230,7 @@ void seam_answer(const Recipe& recipe, const Views& views, const Request& reques
 
 }  // namespace
 
-LiftedRig lifted_rig(const Recipe& recipe, const Views& views, const Request& request, FrameFiles& files,
-                     Answer& out) {
+LiftedRig lifted_rig(const Recipe& recipe, const Views& views, const Request& request, FrameFiles& files, Answer& out) {
     LiftedRig rig;
     for (const CameraSpec* camera : cameras_used(recipe, request)) {
         auto start = Clock::now();
@@ -239,9 +239,11 @@ LiftedRig lifted_rig(const Recipe& recipe, const Views& views, const Request& re
         start = Clock::now();
         if (camera->name == views.own.name) rig.own = int(rig.views.size());
         const Pose world_from_cam = recipe.world_from_cam(camera->name, request.frame);
-        LiftedMesh mesh = lift_towards(camera->intrinsics, world_from_cam, depth,
-                                       views.shifted.world_from_cam.translation_m, request.tolerance_px,
-                                       files.depth_rules(request, camera->name));
+        // One camera's mask under a tolerance asks for no more of the mesh than its rays can meet.
+        const bool one_mask = request.out == "mask" && request.from == Source::self && request.tolerance_px > 0;
+        LiftedMesh mesh = (one_mask ? lift_for_mask : lift_towards)(
+            camera->intrinsics, world_from_cam, depth, views.shifted.world_from_cam.translation_m, request.tolerance_px,
+            files.depth_rules(request, camera->name));
         out.times.lift_ms += ms_since(start);
         start = Clock::now();
         rig.views.push_back(build_view(camera->name, world_from_cam, std::move(mesh)));

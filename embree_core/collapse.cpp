@@ -147,7 +147,7 @@ CellPlan plan_cells(const SurfaceField& field, float bound, const RayFilter* fil
                 continue;
             }
             uint8_t& kind = plan.kinds.at(x + 1, y + 1);
-            if (kind == split_kind && parts_are_flat(field, x, y, bound)) kind = merged_kind;
+            if (kind == split_kind && !field.empty(x, y) && parts_are_flat(field, x, y, bound)) kind = merged_kind;
         }
     });
     if (bound > 0) collapse_level<1>(field, plan);

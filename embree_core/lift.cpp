@@ -48,6 +48,9 @@ float read_pixels(LiftedMesh& mesh) {
 void snap_pixels(LiftedMesh& mesh, const CellPlan& plan) {
     if (plan.collapsed.empty()) return;
     const Intrinsics& k = mesh.intrinsics;
+    std::vector<double> ray_x, ray_y;
+    for (int x = 0; x < k.width; ++x) ray_x.push_back(ray(k, {x + 0.5, 0}).x);
+    for (int y = 0; y < k.height; ++y) ray_y.push_back(ray(k, {0, y + 0.5}).y);
     tbb::parallel_for(0, plan.collapsed[0].height, [&](int pair) {
         // A block belongs to its first pair of rows.
         for (int level = 1; level <= int(plan.collapsed.size()); ++level) {
@@ -62,8 +65,8 @@ void snap_pixels(LiftedMesh& mesh, const CellPlan& plan) {
                 if (level < int(plan.collapsed.size()) && plan.is_collapsed(level + 1, x >> 1, y >> 1)) continue;
                 snap_block(mesh.inverse_depth, plan, level, x, y, [&](int px, int py) {
                     const size_t at = size_t(py) * size_t(k.width) + size_t(px);
-                    const glm::dvec3 p = ray(k, {px + 0.5, py + 0.5}) / double(mesh.inverse_depth.data[at]);
-                    mesh.vertices[at] = {float(p.x), float(p.y), float(p.z), 0};
+                    const double z = 1 / double(mesh.inverse_depth.data[at]);
+                    mesh.vertices[at] = {float(ray_x[size_t(px)] * z), float(ray_y[size_t(py)] * z), float(z), 0};
                 });
             }
         }
@@ -89,8 +92,12 @@ void find_tears(const Intrinsics& intrinsics, const Grid<float>& w, const LiftOp
     const double fx_b = intrinsics.fx * options.baseline_m, fy_b = intrinsics.fy * options.baseline_m;
     const DepthRules& rules = options.rules;
     const auto rule = [&](double scale) {
-        return lifting::TearRule{least_step(scale, rules.tear_px), float(rules.tear_break), float(rules.crease_break),
-                                 rules.error.constant, rules.error.relative, rules.error.squared};
+        return lifting::TearRule{least_step(scale, rules.tear_px),
+                                 float(rules.tear_break),
+                                 float(rules.crease_break),
+                                 rules.error.constant,
+                                 rules.error.relative,
+                                 rules.error.squared};
     };
     const lifting::TearRule across = rule(fx_b), down = rule(fy_b);
     const std::vector<float> beyond(size_t(w.width), nan);
@@ -116,10 +123,10 @@ void find_tears(const Intrinsics& intrinsics, const Grid<float>& w, const LiftOp
             row[x] = bits;
         };
         // The kernel looks one pixel back and two ahead.
-        const size_t inner = w.width > 3 ? lifting::kernels().tears(row_at(y - 1) + 1, own + 1, row_at(y + 1) + 1,
-                                                                    row_at(y + 2) + 1, size_t(w.width) - 3, across,
-                                                                    down, row + 1)
-                                         : 0;
+        const size_t inner =
+            w.width > 3 ? lifting::kernels().tears(row_at(y - 1) + 1, own + 1, row_at(y + 1) + 1, row_at(y + 2) + 1,
+                                                   size_t(w.width) - 3, across, down, row + 1)
+                        : 0;
         one(0);
         for (int x = 1 + int(inner); x < w.width; ++x) one(x);
     });
@@ -178,9 +185,9 @@ SplitCell split_cell(const SurfaceField& f, int cx, int cy) {
 void check_size(const Intrinsics& intrinsics, const DepthMap& depth) {
     if (depth.width == intrinsics.width && depth.height == intrinsics.height && depth.width > 0 && depth.height > 0)
         return;
-    throw Error(ExitCode::bad_input,
-                "depth: size: got " + std::to_string(depth.width) + "x" + std::to_string(depth.height) +
-                    ", expected " + std::to_string(intrinsics.width) + "x" + std::to_string(intrinsics.height));
+    throw Error(ExitCode::bad_input, "depth: size: got " + std::to_string(depth.width) + "x" +
+                                         std::to_string(depth.height) + ", expected " +
+                                         std::to_string(intrinsics.width) + "x" + std::to_string(intrinsics.height));
 }
 
 LiftedMesh lift(const Intrinsics& intrinsics, const DepthMap& depth, const LiftOptions& options) {

@@ -37,8 +37,8 @@ struct LiftOptions {
     /// How far a point of the surface may move, in pixels of disparity at `baseline_m`, for the sake of
     /// fewer triangles. 0: every pixel is a vertex.
     double tolerance_px = 0;
-    /// Only what a mask asked from there needs, in the camera's frame: the triangles and walls that its rays can meet, and
-    /// the vertices of those and of the pixels that ask. Only where depth is exact (rules.error).
+    /// Only what a mask asked from there needs, in the camera's frame: the triangles and walls that its rays can meet,
+    /// and the vertices of those and of the pixels that ask. Only where depth is exact (rules.error).
     std::optional<glm::dvec3> only_for_m{};
 };
 
@@ -70,9 +70,9 @@ struct LiftedMesh {
     Intrinsics intrinsics;
     /// The first width*height are the pixel centres, row-major.
     std::vector<LiftedVertex, Uninitialized<LiftedVertex>> vertices;
-    std::vector<LiftedQuad> kept;             ///< lie on one observed surface
+    std::vector<LiftedQuad> kept;                                          ///< lie on one observed surface
     std::vector<LiftedVertex, Uninitialized<LiftedVertex>> wall_vertices;  ///< (x/z, y/z, 1/z)
-    std::vector<LiftedQuad> torn;             ///< walls across a discontinuity, over wall_vertices
+    std::vector<LiftedQuad> torn;  ///< walls across a discontinuity, over wall_vertices
     uint64_t kept_triangles = 0;
     float wall_top = 0;         ///< largest 1/z of a wall
     InverseDepthError error;    ///< of inverse_depth
@@ -80,8 +80,8 @@ struct LiftedMesh {
     Grid<uint8_t> tears;        ///< bit 0: torn from the right neighbour, bit 1: from the lower
     uint64_t invalid_px = 0;    ///< NaN, 0, negative
     uint64_t sky_px = 0;
-    DepthMap depth;             ///< as recorded
-    float bound = 0;            ///< 1/z of the mesh may be off by this for the sake of fewer triangles
+    DepthMap depth;   ///< as recorded
+    float bound = 0;  ///< 1/z of the mesh may be off by this for the sake of fewer triangles
 
     /// Set where the mesh is made for one mask alone.
     std::shared_ptr<const RayFilter> filter;

@@ -37,7 +37,11 @@ public:
           field_{mesh.inverse_depth, mesh.tears},
           k_(mesh.intrinsics),
           width_(mesh.inverse_depth.width),
-          height_(mesh.inverse_depth.height) {}
+          height_(mesh.inverse_depth.height) {
+        for (int x = 0; x <= 2 * width_; ++x) ray_x_.push_back(ray(k_, {0.5 * x, 0}).x);
+        for (int y = 0; y <= 2 * height_; ++y) ray_y_.push_back(ray(k_, {0, 0.5 * y}).y);
+        for (int x = 0; x < width_; ++x) pixel_ray_x_.push_back(ray_x_[size_t(2 * x + 1)]);
+    }
 
     void run() {
         number_half_edges();
@@ -55,7 +59,8 @@ private:
     SurfaceField field_;
     const Intrinsics& k_;
     int width_, height_;
-    Grid<uint8_t> owned_;                ///< bit per way: the pixel owns the vertex half a pixel that way
+    std::vector<double> ray_x_, ray_y_, pixel_ray_x_;  ///< x and y of rays with z = 1: every half pixel, every pixel
+    Grid<uint8_t> owned_;                              ///< bit per way: the pixel owns the vertex half a pixel that way
     /// Index of a pixel's first own half-edge vertex, where it has one, from its row's first one on.
     std::vector<uint32_t, Uninitialized<uint32_t>> first_owned_;
     std::vector<uint32_t> first_of_row_;
@@ -69,9 +74,9 @@ private:
     }
     uint32_t pixel(int x, int y) const { return uint32_t(y) * uint32_t(width_) + uint32_t(x); }
 
-    LiftedVertex vertex_at(double u, double v, double z) const {
-        const glm::dvec3 p = ray(k_, {u, v}) * z;
-        return {float(p.x), float(p.y), float(p.z), 0};
+    /// Rays through image position (x / 2, y / 2).
+    LiftedVertex vertex_at(int x, int y, double z) const {
+        return {float(ray_x_[size_t(x)] * z), float(ray_y_[size_t(y)] * z), float(z), 0};
     }
     static uint32_t add_vertex(Band& band, const LiftedVertex& vertex) {
         band.vertices.push_back(vertex);
@@ -127,8 +132,8 @@ private:
         for (size_t y = 0; y < size_t(height_); ++y) first_of_row_[y + 1] += first_of_row_[y];
     }
 
-    void write_row(int y, const std::vector<double>& ray_x) {
-        const double ray_y = ray(k_, {0.5, y + 0.5}).y;
+    void write_row(int y) {
+        const double ray_y = ray_y_[size_t(2 * y + 1)];
         // Also the last corners of the squares before.
         constexpr int side = 1 << most_levels;
         for (int x = 0; x < width_; x += side) {
@@ -137,7 +142,7 @@ private:
                 for (const int py : {y, y - 1}) wanted = wanted || plan_.square_wanted(px, py);
             if (!wanted) continue;
             const uint32_t at = pixel(x, y);
-            lifting::kernels().points(&mesh_.depth.data[at], &ray_x[size_t(x)], ray_y,
+            lifting::kernels().points(&mesh_.depth.data[at], &pixel_ray_x_[size_t(x)], ray_y,
                                       size_t(std::min(side, width_ - x)), &mesh_.vertices[at].x);
         }
         if (first_of_row_[size_t(y)] == first_of_row_[size_t(y) + 1]) return;
@@ -146,7 +151,7 @@ private:
                 if (!(owned_.at(x, y) >> way & 1)) continue;
                 const int dx = way_dx[way], dy = way_dy[way];
                 mesh_.vertices[half_edge(x, y, dx, dy)] =
-                    vertex_at(x + 0.5 + 0.5 * dx, y + 0.5 + 0.5 * dy, 1.0 / field_.half_edge(x, y, dx, dy));
+                    vertex_at(2 * x + 1 + dx, 2 * y + 1 + dy, 1.0 / field_.half_edge(x, y, dx, dy));
             }
     }
 
@@ -169,7 +174,7 @@ private:
                 continue;
             }
             if (!whole(x, y)) {
-                if (plan_.wanted(x, y)) emit_torn(band, x, y);
+                if (plan_.wanted(x, y) && !field_.empty(x, y)) emit_torn(band, x, y);
                 continue;
             }
             const int level = collapses() ? plan_.level(x, y) : 0;
@@ -243,7 +248,7 @@ private:
             add_quad(band, {ring[0], ring[1], ring[2], ring[3]});
             return;
         }
-        const uint32_t centre = add_vertex(band, vertex_at(x + 1.0, y + 1.0, 4.0 / double(sum[0] + sum[1])));
+        const uint32_t centre = add_vertex(band, vertex_at(2 * x + 2, 2 * y + 2, 4.0 / double(sum[0] + sum[1])));
         if (collapses()) {
             ring[count] = ring[0];
             add_fan(band, centre, ring.data(), count + 1);
@@ -268,7 +273,7 @@ private:
         for (int c = 0; c < 4; ++c)
             if (cell.part[c] == c) {
                 if (!quarters && emit_merged(band, x, y, cell, c)) continue;
-                centre[size_t(c)] = add_vertex(band, vertex_at(x + 1.0, y + 1.0, 1.0 / cell.centre[c]));
+                centre[size_t(c)] = add_vertex(band, vertex_at(2 * x + 2, 2 * y + 2, 1.0 / cell.centre[c]));
                 if (!quarters) emit_merged_fan(band, x, y, cell, c, centre[size_t(c)]);
             }
         for (int c = 0; c < 4 && quarters; ++c)
@@ -320,8 +325,7 @@ private:
     /// The wall on the line from the middle of the edge between two corners to the cell's centre, from
     /// one side's 1/z to the other's. It stands in the plane of the recorded rays.
     void emit_wall(Band& band, int x, int y, const SplitCell& cell, int a, int b) const {
-        const double mx = x + 0.5 + 0.5 * (corner_dx[a] + corner_dx[b]),
-                     my = y + 0.5 + 0.5 * (corner_dy[a] + corner_dy[b]);
+        const int mx = 2 * x + 1 + corner_dx[a] + corner_dx[b], my = 2 * y + 1 + corner_dy[a] + corner_dy[b];
         const auto heights = [&](int c, bool to_next) -> std::array<float, 2> {
             switch (cell.state[c]) {
                 case Pixel::solid:
@@ -334,12 +338,12 @@ private:
         };
         const auto from = heights(a, true), to = heights(b, false);
         if (from == to) return;
-        const auto add = [&](double u, double v, float w) {
-            band.wall_vertices.push_back({float((u - k_.cx) / k_.fx), float((v - k_.cy) / k_.fy), w, 0});
+        const auto add = [&](int u, int v, float w) {
+            band.wall_vertices.push_back({float(ray_x_[size_t(u)]), float(ray_y_[size_t(v)]), w, 0});
         };
         add(mx, my, from[0]);
-        add(x + 1.0, y + 1.0, from[1]);
-        add(x + 1.0, y + 1.0, to[1]);
+        add(2 * x + 2, 2 * y + 2, from[1]);
+        add(2 * x + 2, 2 * y + 2, to[1]);
         add(mx, my, to[0]);
     }
 
@@ -356,9 +360,7 @@ private:
         mesh_.wall_vertices.resize(wall_vertices);
         mesh_.torn.resize(wall_vertices / 4);
         mesh_.kept.resize(kept);
-        std::vector<double> ray_x(static_cast<size_t>(width_));
-        for (int x = 0; x < width_; ++x) ray_x[size_t(x)] = ray(k_, {x + 0.5, 0.5}).x;
-        tbb::parallel_for(0, height_, [&](int y) { write_row(y, ray_x); });
+        tbb::parallel_for(0, height_, [&](int y) { write_row(y); });
         tbb::parallel_for(size_t(0), bands.size(), [&](size_t b) {
             const Band& band = bands[b];
             std::copy(band.vertices.begin(), band.vertices.end(), mesh_.vertices.begin() + long(band.first_vertex));

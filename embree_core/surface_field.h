@@ -47,6 +47,13 @@ struct SurfaceField {
                !(tears.data[at] & 3) && !(tears.data[at + 1] & 2) && !(tears.data[below] & 1);
     }
 
+    /// Whether cell (x, y) lies within the image and all its corners are sky: it holds nothing.
+    bool empty(int x, int y) const {
+        if (x < 0 || y < 0 || x + 1 >= w.width || y + 1 >= w.height) return false;
+        const size_t at = size_t(y) * size_t(w.width) + size_t(x), below = at + size_t(w.width);
+        return w.data[at] == 0 && w.data[at + 1] == 0 && w.data[below] == 0 && w.data[below + 1] == 0;
+    }
+
     /// 1/z of solid pixel (x, y)'s surface half a pixel towards its neighbour at (dx, dy): between
     /// the two where they are joined, extrapolated from the far side of the pixel where not.
     template <bool inner = false>

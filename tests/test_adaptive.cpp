@@ -287,3 +287,42 @@ TEST_CASE("rays where they are needed say what rays everywhere say", "[filter]")
     INFO(spared << " spared, " << asked << " asked");
     CHECK(spared > asked);
 }
+
+TEST_CASE("a mesh made for one mask gives the whole mesh's masks, and less of it", "[filter]") {
+    uint64_t whole = 0, less = 0;
+    for (const Subject& s : subjects())
+        for (const double tolerance : {0.0, 0.02, 0.5})
+            for (const glm::dvec3& centre : {s.v_centre, glm::dvec3(0.7, 0, 0), glm::dvec3(0.3, -0.2, 0.4),
+                                             glm::dvec3(-0.1, 0.3, -0.5)}) {
+                const auto masks = [&](LiftedMesh mesh, Casting casting, uint64_t& triangles) {
+                    triangles += mesh.kept_triangles + 2 * mesh.torn.size();
+                    LiftedRig rig;
+                    rig.views.push_back(build_view(s.name, Pose{}, std::move(mesh)));
+                    return mask(rig, {s.k, Pose{glm::dmat3(1.0), centre}}, clear_m, casting);
+                };
+                const RecordedMasks all =
+                    masks(lift_towards(s.k, Pose{}, s.depth, centre, tolerance), Casting::everywhere, whole);
+                RecordedMasks few[2];
+                for (const size_t threads : {1, 2}) {
+                    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+                    uint64_t counted = 0;
+                    few[threads - 1] = masks(lift_for_mask(s.k, Pose{}, s.depth, centre, tolerance),
+                                             Casting::where_needed, threads == 1 ? less : counted);
+                }
+                INFO(s.name << ", tolerance " << tolerance << ", from " << centre.x << " " << centre.y << " " << centre.z);
+                for (const char* channel : {"lost", "occluded", "outside", "unknown", "unseen"}) {
+                    CHECK(differing(channel_of(few[0], channel), channel_of(all, channel)) == 0);
+                    CHECK(differing(channel_of(few[0], channel), channel_of(few[1], channel)) == 0);
+                }
+            }
+    INFO(less << " of " << whole << " triangles");
+    CHECK(less < whole);
+}
+
+TEST_CASE("a mesh made for one mask answers no other", "[filter]") {
+    const Subject s = of_disparity("walls", 160, 120, walls_px);
+    LiftedRig rig;
+    rig.views.push_back(build_view(s.name, Pose{}, lift_for_mask(s.k, Pose{}, s.depth, s.v_centre, 0.02)));
+    CHECK_THROWS_AS(mask(rig, {s.k, Pose{glm::dmat3(1.0), glm::dvec3(1, 0, 0)}}, clear_m), Error);
+    CHECK_THROWS_AS(mask(rig, {s.k, Pose{glm::dmat3(1.0), s.v_centre}}, clear_m, Casting::everywhere), Error);
+}

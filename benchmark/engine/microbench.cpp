@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Micro-benchmarks of lift, build, cast, sweep, warp and seam on an analytic street at 1600x900, per frame and in rays (one
-// per pixel) per second of wall time. Built only where Google Benchmark is found:
+// Micro-benchmarks of lift, build, cast, sweep, warp and seam on an analytic street at 1600x900, per frame and in rays
+// (one per pixel) per second of wall time. Built only where Google Benchmark is found:
 //     ninja vshift_microbench && bin/vshift_microbench --benchmark_min_time=1
 #include <benchmark/benchmark.h>
 #include <tbb/global_control.h>
@@ -36,8 +36,9 @@ void count_rays(benchmark::State& state, const Job& job) {
 }
 
 LiftedMesh lifted(const Job& job, double tolerance_px) {
-    return lift_towards(job.recorded.intrinsics, job.recorded.world_from_cam, *job.depth,
-                        job.shifted.world_from_cam.translation_m, tolerance_px);
+    return (tolerance_px > 0 ? lift_for_mask : lift_towards)(job.recorded.intrinsics, job.recorded.world_from_cam,
+                                                             *job.depth, job.shifted.world_from_cam.translation_m,
+                                                             tolerance_px, {});
 }
 
 void lift(benchmark::State& state) {
@@ -149,7 +150,10 @@ void warp_seam_condition(benchmark::State& state) {
 }
 
 void meshes(benchmark::internal::Benchmark* b) {
-    b->ArgNames({"tolerance_px/100", "side", "threads"})->Unit(benchmark::kMillisecond)->UseRealTime();
+    b->ArgNames({"tolerance_px/100", "side", "threads"})
+        ->Unit(benchmark::kMillisecond)
+        ->UseRealTime()
+        ->MeasureProcessCPUTime();
     for (const int64_t tolerance : {0, 2, 10})
         for (const int64_t camera : {front, side})
             for (const int64_t threads : {1, 2}) b->Args({tolerance, camera, threads});
