@@ -15,7 +15,7 @@ MARK = {"self": "o", "rig": "s", "seam": "D"}
 REGIONS = {"lost": "not seen by the own camera", "neighbour": "seen by a neighbour alone", "hole": "seen by nobody",
            "hole_disoccluded": "… behind an edge", "hole_outside": "… out of frame", "own": "seen by the own camera",
            "seam_band": "3 px round a seam", "visible": "seen by anybody", "all": "whole view"}
-PICTURE_ARMS = 5
+PICTURE_ARMS = 6
 
 
 def split(arm):
