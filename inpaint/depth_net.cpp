@@ -11,6 +11,7 @@ constexpr double nearest_m = 0.5, farthest_m = 200;
 // Above the horizon, and far along the road, the correction starts from a house front's distance.
 constexpr double upright_m = 40;
 constexpr double slope_weight = 1, sky_weight = 0.2;
+constexpr double edge_step = 0.1, edge_weight = 4;  // of log z: where the truth breaks, a slope counts so much more
 
 [[noreturn]] void refuse(const std::string& what, const std::string& got, const std::string& expected) {
     throw Error(ExitCode::bad_input, what + ": got " + got + ", expected " + expected);
@@ -98,7 +99,8 @@ DepthGuess depth_forward(const DepthConfig& c, const Weights& weights, const Ten
 
 Tensor depth_loss(const DepthGuess& guess, const Tensor& inverse_depth) {
     const Tensor solid = (inverse_depth > 0).to(inverse_depth.scalar_type());
-    const Tensor error = (guess.log_inverse - inverse_depth.clamp_min(1 / farthest_m).log()) * solid;
+    const Tensor truth = inverse_depth.clamp_min(1 / farthest_m).log();
+    const Tensor error = (guess.log_inverse - truth) * solid;
     const Tensor pixels = solid.sum({1, 2, 3}).clamp_min(1);
     const Tensor mean = error.sum({1, 2, 3}) / pixels;
     Tensor loss = ((error * error).sum({1, 2, 3}) / pixels - 0.5 * mean * mean + 1e-6).sqrt();
@@ -106,7 +108,8 @@ Tensor depth_loss(const DepthGuess& guess, const Tensor& inverse_depth) {
         for (const int64_t axis : {2, 3}) {
             const int64_t left = error.size(axis) - apart;
             const Tensor both = solid.narrow(axis, 0, left) * solid.narrow(axis, apart, left);
-            const Tensor slope = (error.narrow(axis, apart, left) - error.narrow(axis, 0, left)).abs() * both;
+            const auto step = [&](const Tensor& x) { return (x.narrow(axis, apart, left) - x.narrow(axis, 0, left)).abs(); };
+            const Tensor slope = step(error) * both * (1 + edge_weight * (step(truth) > edge_step));
             loss = loss + slope_weight / 6 * slope.sum({1, 2, 3}) / both.sum({1, 2, 3}).clamp_min(1);
         }
     const Tensor sky = at::softplus(guess.sky) - guess.sky * (1 - solid);

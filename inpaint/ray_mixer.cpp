@@ -13,6 +13,7 @@ constexpr double fill_first = 3;      // the fill's score at the beginning, wher
 constexpr double added_share = 0.25;  // of the color that is added
 constexpr double never = -1e4;
 constexpr int64_t beyond_at = 3;  // among a ray's numbers: the color that is mixed
+constexpr size_t surface_at = 25;  // the mean color of up to 17 pixels
 constexpr size_t pixels_at_once = 768;  // what a cache holds
 constexpr int deep_px = 4;
 
@@ -20,13 +21,16 @@ Tensor layer(const Weights& w, const std::string& name, const Tensor& x) {
     return at::linear(x, get(w, name + ".weight"), get(w, name + ".bias"));
 }
 
-/// `first`: the rays' first layer; `colors` [N, rays, 3]; `met` [N, rays]: 0 where a ray met nothing.
-Tensor mixed(const RayMixerConfig& c, const Weights& w, const Tensor& first, const Tensor& colors, const Tensor& met, const Tensor& own) {
+/// `first`: the rays' first layer; `colors` [N, rays, 3]; `met` [N, rays]: 0 where a ray met nothing. `best`: the ray with
+/// the largest weight.
+Tensor mixed(const RayMixerConfig& c, const Weights& w, const Tensor& first, const Tensor& colors, const Tensor& met, const Tensor& own,
+             Tensor* best = nullptr) {
     const Tensor each = at::relu(layer(w, "ray.1", at::relu(first)));
     Tensor x = at::cat({each.flatten(1), own}, 1);
     for (int64_t i = 0; i < c.layers; ++i) x = at::relu(layer(w, "body." + std::to_string(i), x));
     const Tensor y = layer(w, "out", x);
     const Tensor scores = at::cat({y.narrow(1, 0, 1) + fill_first, y.narrow(1, 1, ray_count).masked_fill(met <= 0, never)}, 1);
+    if (best) *best = scores.narrow(1, 1, ray_count).argmax(1);
     const Tensor among = (at::cat({own.narrow(1, 0, 3).unsqueeze(1), colors}, 1) + 1) / 2;
     return (at::softmax(scores, 1).unsqueeze(2) * among).sum(1) + added_share * y.narrow(1, 1 + ray_count, 3);
 }
@@ -69,18 +73,24 @@ RayMixerConfig parse_ray_mixer_config(const nlohmann::json& json, const std::str
     RayMixerConfig c;
     if (!json.is_object()) throw Error(ExitCode::bad_input, where + ": got " + json.type_name() + ", expected an object");
     for (const auto& [key, value] : json.items()) {
+        if (key == "detail") {
+            if (!value.is_number() || !(value.get<double>() >= 0 && value.get<double>() <= 2))
+                throw Error(ExitCode::bad_input, where + ": detail: got " + value.dump().substr(0, 40) + ", expected a number from 0 to 2");
+            c.detail = value.get<double>();
+            continue;
+        }
         int64_t* to = key == "ray_dim" ? &c.ray_dim : key == "dim" ? &c.dim : key == "layers" ? &c.layers : nullptr;
         const int64_t most = key == "layers" ? 16 : 1024;
         if (!to || !value.is_number_integer() || value.get<int64_t>() < 1 || value.get<int64_t>() > most)
             throw Error(ExitCode::bad_input, where + ": " + key + ": got " + value.dump().substr(0, 40) +
-                                                 ", expected ray_dim or dim (1 to 1024) or layers (1 to 16)");
+                                                 ", expected ray_dim or dim (1 to 1024), layers (1 to 16) or detail (0 to 2)");
         *to = value.get<int64_t>();
     }
     return c;
 }
 
 nlohmann::ordered_json json_of(const RayMixerConfig& c) {
-    return {{"ray_dim", c.ray_dim}, {"dim", c.dim}, {"layers", c.layers}};
+    return {{"ray_dim", c.ray_dim}, {"dim", c.dim}, {"layers", c.layers}, {"detail", c.detail}};
 }
 
 Layout ray_mixer_layout(const RayMixerConfig& c) {
@@ -113,7 +123,7 @@ void ray_mixer_fill(const RayMixerConfig& c, const Weights& w, const RayPlanes& 
     const auto W = size_t(p.width), n = W * size_t(p.height);
     std::vector<int32_t> chosen, between;
     for (size_t i = 0; i < n; ++i)
-        if (p.hole[i] > 0) (deep[i] && (i % W + i / W) % 2 ? between : chosen).push_back(int32_t(i));
+        if (p.hole[i] > 0) (c.detail == 0 && deep[i] && (i % W + i / W) % 2 ? between : chosen).push_back(int32_t(i));
     const RayNumbers seen = ray_numbers_of(p, chosen);
     const auto tensor = [](const auto& numbers, at::ScalarType type, size_t from, int64_t rows, int64_t each) {
         return at::from_blob(const_cast<void*>(static_cast<const void*>(numbers.data() + from * size_t(each))), {rows, each}, type);
@@ -131,14 +141,25 @@ void ray_mixer_fill(const RayMixerConfig& c, const Weights& w, const RayPlanes& 
     in_pieces(chosen.size(), [&](size_t from, int64_t some) {
         const Tensor edge = tensor(seen.edge, at::kInt, from, some, ray_count).flatten();
         const Tensor ways = tensor(seen.ways, at::kFloat, from * ray_count, some * ray_count, way_numbers);
+        Tensor best;
         const Tensor colors = mixed(c, w, at::addmm(met.index_select(0, edge), ways, way_weight).view({some, ray_count, hidden}),
                                     beyond.index_select(0, edge).view({some, ray_count, 3}),
                                     ways.select(1, way_numbers - 1).view({some, ray_count}),
-                                    tensor(seen.own, at::kFloat, from, some, own_numbers))
-                                  .clamp(0, 1);
+                                    tensor(seen.own, at::kFloat, from, some, own_numbers), &best);
         const auto made = colors.accessor<float, 2>();
-        for (int64_t i = 0; i < some; ++i)
-            for (int64_t k = 0; k < 3; ++k) color[size_t(k) * n + size_t(chosen[from + size_t(i)])] = made[i][k];
+        const auto ray = best.accessor<int64_t, 1>();
+        for (int64_t i = 0; i < some; ++i) {
+            const size_t number = from + size_t(i), to = size_t(chosen[number]);
+            const auto edge_of = size_t(seen.edge[number * ray_count + size_t(ray[i])]);
+            const float* met_there = seen.edges.data() + edge_of * edge_numbers;
+            const bool textured = c.detail > 0 && edge_of > 0;
+            const auto there = textured ? size_t(mirrored_at_edge(p, chosen[number], size_t(ray[i]), met_there)) : 0;
+            for (size_t k = 0; k < 3; ++k) {
+                float value = made[i][int64_t(k)];
+                if (textured) value += float(c.detail) * (p.fill[k * n + there] - (met_there[surface_at + k] + 1) / 2);
+                color[k * n + to] = std::clamp(value, 0.0f, 1.0f);
+            }
+        }
     });
     for (const int32_t i : between) {
         const size_t at = size_t(i), x = at % W;

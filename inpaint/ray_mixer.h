@@ -11,6 +11,7 @@ struct RayMixerConfig {
     int64_t ray_dim = 24;  ///< what is kept of each ray
     int64_t dim = 128;
     int64_t layers = 2;  ///< between the rays and the output
+    double detail = 0;   ///< texture that is added in filling: a share of the surface's own (ray_mixer_fill)
 };
 
 RayMixerConfig parse_ray_mixer_config(const nlohmann::json& json, const std::string& where);
@@ -24,7 +25,9 @@ bool ray_mixer_begins_at_zero(const std::string& name);
 Tensor ray_mixer_forward(const RayMixerConfig& config, const Weights& weights, const Tensor& seen);
 
 /// The same for the holes of a frame: their colors, in 0..1, in place of `color`'s (3 planes). Deep in a hole every other
-/// pixel is the mean of its neighbours.
+/// pixel is the mean of its neighbours. With `detail` none is, and each gets the deviation from its surface's mean color
+/// that the pixel has which lies as far beyond the edge, along the ray with the largest weight: the mean of all that could
+/// be there has no texture, the surface beside it has. Sharper, and further from the truth pixel by pixel.
 void ray_mixer_fill(const RayMixerConfig& config, const Weights& weights, const RayPlanes& planes, float* color);
 
 }  // namespace vshift::inpaint

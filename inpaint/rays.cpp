@@ -148,6 +148,16 @@ RayNumbers ray_numbers_of(const RayPlanes& p, const std::vector<int32_t>& chosen
     return out;
 }
 
+int32_t mirrored_at_edge(const RayPlanes& p, int32_t pixel, size_t ray, const float* edge) {
+    const int dx = step[ray][0], dy = step[ray][1], run = int(std::lround(std::exp(3 * edge[edge_numbers - 1])));
+    const int32_t along = dy * p.width + dx;
+    int32_t at = pixel;
+    int steps = 0;
+    for (; p.hole[at] > 0; at += along) ++steps;
+    const int there = (steps - 1) % (2 * run);
+    return at + along * (there < run ? there : 2 * run - 1 - there);
+}
+
 void write_seen(const RayNumbers& numbers, size_t pixel, float* to) {
     for (size_t k = pixel * ray_count; k < (pixel + 1) * ray_count; ++k) {
         to = std::copy_n(numbers.edges.data() + size_t(numbers.edge[k]) * edge_numbers, edge_numbers, to);

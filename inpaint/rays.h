@@ -41,6 +41,10 @@ struct RayNumbers {
 /// For every pixel of `chosen`, which lie in holes (hole > 0).
 RayNumbers ray_numbers_of(const RayPlanes& planes, const std::vector<int32_t>& chosen);
 
+/// The known pixel that lies as far beyond the edge that `ray` meets as the hole's pixel `pixel` lies before it, back and
+/// forth over the pixels of one surface there; `edge`: that edge's numbers.
+int32_t mirrored_at_edge(const RayPlanes& planes, int32_t pixel, size_t ray, const float* edge);
+
 /// Pixel `pixel` of these as seen_numbers floats at `to`.
 void write_seen(const RayNumbers& numbers, size_t pixel, float* to);
 /// The same for a pixel of the mirrored image.

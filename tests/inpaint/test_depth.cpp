@@ -66,6 +66,13 @@ TEST_CASE("depth: the loss counts scale by half, edges and sky", "[depth]") {
     Tensor one = inverse.log().clone();
     one[0][0][5][5] += 1;
     CHECK(loss(one, no_sky, inverse) > 0.5 * std::sqrt(1.0 / 192) + 0.001);
+    // The same wrong step counts five times where the truth has a silhouette: 1, 2 and 4 of 16 columns.
+    const Tensor flat = at::full_like(inverse, 0.1);
+    Tensor broken = flat.clone(), wrong = at::zeros_like(flat);
+    broken.narrow(3, 8, 8).fill_(0.05);
+    wrong.narrow(3, 8, 8).fill_(0.4);
+    CHECK(loss(broken.log() + wrong, no_sky, broken) - loss(flat.log() + wrong, no_sky, flat) ==
+          Approx(4 * 0.4 / 6 * (1 / 15.0 + 2 / 14.0 + 4 / 12.0)).epsilon(1e-4));
     // Where the truth is sky depth does not count, saying so does.
     Tensor open = inverse.clone();
     open.narrow(2, 0, 6).fill_(0);

@@ -192,10 +192,37 @@ TEST_CASE("pixel_rays: fills as it was trained, and deep in a hole every other p
     at::set_num_threads(before);
 }
 
+TEST_CASE("pixel_rays: detail is the mirrored deviation from the surface's mean", "[rays][model]") {
+    Picture p = two_walls(40, 9, 8, 31);
+    const size_t n = p.hole.size();
+    for (size_t i = 0; i < 3 * n; ++i) p.fill[i] = 0.4f + 0.2f * float((i * 2654435761u >> 8) % 1000) / 1000;
+    ModelConfig config;
+    config.kind = Kind::pixel_rays;
+    Model model = initial_model(config, 1);
+    model.weights.at("out.bias")[1 + 8] = 5;  // the ray to the left weighs most
+    const Views v = views_of(p);
+    Stream stream, other;
+    const Tensor plain = inpaint::inpaint(model, v, 1, 1, stream);
+    model.config.rays.detail = 0.5;
+    const Tensor detailed = inpaint::inpaint(model, v, 1, 1, other);
+    const int y = 4;
+    for (int x = 8; x < 32; x += 2) {  // even: computed in both
+        const int steps = x - 7, back = (steps - 1) % 16, column = 7 - (back < 8 ? back : 15 - back);  // the wall is 8 pixels wide
+        for (size_t c = 0; c < 3; ++c) {
+            double mean = 0;
+            for (int i = 0; i < 8; ++i) mean += double(p.fill[c * n + p.at(i, y)]) / 8;
+            const auto at = [&](const Tensor& t) { return t[0][int64_t(c)][0][y][x].item<double>(); };
+            CHECK(at(detailed) - at(plain) == Approx(0.5 * (double(p.fill[c * n + p.at(column, y)]) - mean)).margin(1e-5));
+        }
+    }
+    CHECK(parse_model_config(json_of(model.config), "m").rays.detail == 0.5);
+}
+
 TEST_CASE("pixel_rays: what does not fit is refused", "[rays][model]") {
     CHECK_THROWS_AS(parse_model_config(R"({"kind":"pixel_rays","flow":true})", "m"), Error);
     CHECK_THROWS_AS(parse_model_config(R"({"kind":"pixel_rays","rays":{"dim":0}})", "m"), Error);
     CHECK_THROWS_AS(parse_model_config(R"({"kind":"pixel_rays","rays":{"width":8}})", "m"), Error);
+    CHECK_THROWS_AS(parse_model_config(R"({"kind":"pixel_rays","rays":{"detail":3}})", "m"), Error);
     ModelConfig config;
     config.kind = Kind::pixel_rays;
     Views v = views_of(two_walls(8, 4, 3, 4));
