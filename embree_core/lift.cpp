@@ -147,8 +147,12 @@ SplitCell split(const SurfaceField& f, int cx, int cy) {
         const int x0 = cx + corner_dx[c], y0 = cy + corner_dy[c];
         const int x1 = cx + corner_dx[n], y1 = cy + corner_dy[n];
         cell.joined_next[c] = f.joined<inner>(x0, y0, x1, y1);
-        if (cell.state[c] == Pixel::solid) cell.towards_next[c] = f.half_edge<inner>(x0, y0, x1 - x0, y1 - y0);
-        if (cell.state[n] == Pixel::solid) cell.towards_last[n] = f.half_edge<inner>(x1, y1, x0 - x1, y0 - y1);
+        if (cell.joined_next[c]) {
+            cell.towards_next[c] = cell.towards_last[n] = 0.5f * (f.w.at(x0, y0) + f.w.at(x1, y1));
+            continue;
+        }
+        if (cell.state[c] == Pixel::solid) cell.towards_next[c] = f.torn_edge<inner>(x0, y0, x1 - x0, y1 - y0);
+        if (cell.state[n] == Pixel::solid) cell.towards_last[n] = f.torn_edge<inner>(x1, y1, x0 - x1, y0 - y1);
     }
     for (int pass = 0; pass < 2; ++pass)
         for (int c = 0; c < 4; ++c)

@@ -197,7 +197,8 @@ private:
             if (kind == raster::nothing) continue;
             if (kind == raster::split) {
                 draw_split(x0 + i, y, [&](int c) {
-                    return own_corner(corner_dy[c] ? below : above, i + corner_dx[c], x0 + i + corner_dx[c], y + corner_dy[c]);
+                    return own_corner(corner_dy[c] ? below : above, i + corner_dx[c], x0 + i + corner_dx[c],
+                                      y + corner_dy[c]);
                 });
                 continue;
             }
@@ -208,7 +209,8 @@ private:
             const size_t first = size_t(cells_.y[i]) * width + size_t(cells_.x[i]);
             for (unsigned hits = unsigned(cells_.hits[i]); hits; hits &= hits - 1) {
                 const int k = std::countr_zero(hits);
-                const size_t at = first + (k < raster::most_across ? size_t(k) : size_t(k - raster::most_across) + width);
+                const size_t at =
+                    first + (k < raster::most_across ? size_t(k) : size_t(k - raster::most_across) + width);
                 const float q = cells_.q[k][i];
                 if (!(q > depth[at])) continue;
                 depth[at] = q;
@@ -282,15 +284,15 @@ private:
         const SplitCell cell = split_cell(field_, cx, cy);
         // Where each corner's surface meets the edges to its neighbours in the ring (what is joined meets at one point)
         // and the cell's centre; what is not solid is not looked at.
-        constexpr float middle_u[4] = {0.5f, 1, 0.5f, 0}, middle_v[4] = {0, 0.5f, 1, 0.5f};
-        const float x = float(cx), y = float(cy);
-        alignas(16) float u[4], v[4];
-        for (int c = 0; c < 4; ++c) u[c] = x + middle_u[c], v[c] = y + middle_v[c];
-        alignas(16) const float mu[4] = {x + 0.5f, x + 0.5f, x + 0.5f, x + 0.5f},
-                                mv[4] = {y + 0.5f, y + 0.5f, y + 0.5f, y + 0.5f};
-        const float last_w[4] = {cell.towards_last[1], cell.towards_last[2], cell.towards_last[3], cell.towards_last[0]};
-        const Corners to_next(map_, u, v, cell.towards_next.data()), before(map_, u, v, last_w),
-            centres(map_, mu, mv, cell.centre.data());
+        using Four = Corners::Four;
+        const float x = float(cx), y = float(cy), mu = x + 0.5f, mv = y + 0.5f;
+        const Four u = {mu, x + 1, mu, x}, v = {y, mv, y + 1, mv}, u_of_centre = {mu, mu, mu, mu},
+                   v_of_centre = {mv, mv, mv, mv};
+        const auto four = [](const std::array<float, 4>& a, int first) {
+            return Four{a[size_t(first)], a[size_t(first + 1) % 4], a[size_t(first + 2) % 4], a[size_t(first + 3) % 4]};
+        };
+        const Corners to_next(map_, u, v, four(cell.towards_next, 0)), before(map_, u, v, four(cell.towards_last, 1)),
+            centres(map_, u_of_centre, v_of_centre, four(cell.centre, 0));
         const auto to_last = [&](int c) {
             const int edge = (c + 3) % 4;
             return cell.joined_next[edge] ? to_next[edge] : before[edge];
@@ -320,7 +322,7 @@ private:
                 if (cell.state[corner] == Pixel::solid)
                     return {reached, centres[cell.part[corner]], reached_w, cell.centre[cell.part[corner]]};
                 const float w = cell.state[corner] == Pixel::sky ? 0 : view_.wall_top;
-                return {map_.corner(u[c], v[c], w), map_.corner(mu[0], mv[0], w), w, w};
+                return {map_.corner(u[c], v[c], w), map_.corner(mu, mv, w), w, w};
             };
             const Ends from = ends(c, to_next[c], cell.towards_next[c]), to = ends(n, to_last(n), cell.towards_last[n]);
             if (from.middle_w == to.middle_w && from.centre_w == to.centre_w) continue;
@@ -402,8 +404,8 @@ Bounds bounds_of(const SurfaceView& view, int tile_x, int tile_y) {
     const lifting::BoxBounds box = lifting::kernels().bounds(&w.data[first], &view.tears.data[first], size_t(w.width),
                                                              size_t(x1 - x0 + 1), size_t(y1 - y0 + 1));
     // The image's border is a tear too.
-    const bool torn = box.torn || tile_x < 0 || tile_y < 0 || tile_x + tile_columns >= w.width ||
-                      tile_y + tile_rows >= w.height;
+    const bool torn =
+        box.torn || tile_x < 0 || tile_y < 0 || tile_x + tile_columns >= w.width || tile_y + tile_rows >= w.height;
     if (box.high == 0 && !box.invalid) return {};  // sky
     Bounds out{box.low, box.high};
     if (torn || box.invalid) out.low *= 0.5f, out.high *= 2;  // half a pixel beyond a tear (SurfaceField::half_edge)
@@ -428,9 +430,9 @@ Raster::Raster(const SurfaceView& view, const ShiftedCamera& shifted)
             tile.x = tx * tile_columns - 1, tile.y = ty * tile_rows - 1;
             tile.w = bounds_of(view, tile.x, tile.y);
             if (tile.w.low <= tile.w.high)
-                tile.reach = reach_of(map_, float(tile.x), float(std::min(tile.x + tile_columns, k.width)),
-                                      float(tile.y), float(std::min(tile.y + tile_rows, k.height)), tile.w, width_,
-                                      height_, &tile.highest_q);
+                tile.reach =
+                    reach_of(map_, float(tile.x), float(std::min(tile.x + tile_columns, k.width)), float(tile.y),
+                             float(std::min(tile.y + tile_rows, k.height)), tile.w, width_, height_, &tile.highest_q);
         }
     });
     std::erase_if(tiles_, [](const Tile& t) { return t.reach.empty(); });

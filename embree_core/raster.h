@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Role: the rasteriser by bands of V's rows, so that what comes next (warp, seam) takes a band while it is in the cache.
-// Stage: raster; `reproject` does all bands.
+// Role: the rasteriser by bands of V's rows, so that what comes next (warp, seam) takes a band while it is in the
+// cache. Stage: raster; `reproject` does all bands.
 #pragma once
 #include <tbb/parallel_for.h>
 

@@ -3,6 +3,7 @@
 #pragma once
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <limits>
 
 #include "embree_core/raster_kernels.h"
@@ -66,19 +67,22 @@ struct FloatMap : raster::Map {
 };
 
 /// Four corners at once, each as `FloatMap::corner` gives it.
-struct Corners {
-    Corners(const FloatMap& m, const float* us, const float* vs, const float* ws) {
-        for (int i = 0; i < 4; ++i) {
-            const float u = us[i], v = vs[i], w = ws[i];
-            const float hz = m.z[0] * u + ((m.z[1] * v + m.z[2]) + m.z[3] * w), inverse = 1 / hz;
-            const float share = hz > nearest_share ? inverse : -1.0f;
-            x[i] = (m.x[0] * u + ((m.x[1] * v + m.x[2]) + m.x[3] * w)) * share;
-            y[i] = (m.y[0] * u + ((m.y[1] * v + m.y[2]) + m.y[3] * w)) * share;
-            q[i] = w * share, r[i] = share, at_u[i] = u, at_v[i] = v;
-        }
+class Corners {
+public:
+    using Four = float __attribute__((vector_size(16)));
+    Corners(const FloatMap& m, Four u, Four v, Four w) {
+        const auto dot = [&](const float* row) { return row[0] * u + ((row[1] * v + row[2]) + row[3] * w); };
+        const Four hz = dot(m.z), behind = {-1, -1, -1, -1}, share = hz > nearest_share ? 1 / hz : behind;
+        const Four of[6] = {dot(m.x) * share, dot(m.y) * share, w * share, share, u, v};
+        static_assert(sizeof of == sizeof values_);
+        std::memcpy(values_, of, sizeof of);
     }
-    Corner operator[](int i) const { return {x[i], y[i], q[i], r[i], at_u[i], at_v[i]}; }
-    alignas(16) float x[4], y[4], q[4], r[4], at_u[4], at_v[4];
+    Corner operator[](int i) const {
+        return {values_[0][i], values_[1][i], values_[2][i], values_[3][i], values_[4][i], values_[5][i]};
+    }
+
+private:
+    alignas(16) float values_[6][4];
 };
 
 /// Bounds of 1/z.

@@ -37,7 +37,7 @@ struct Neighbor {
 };
 
 std::list<Neighbor> neighbors_of(const std::vector<SeamCamera>& rig, int own, const Intrinsics& target,
-                                   const Pose& world_from_target) {
+                                 const Pose& world_from_target) {
     std::list<Neighbor> out;
     const glm::dvec3 axis = world_from_target.direction({0, 0, 1});
     for (size_t i = 0; i < rig.size(); ++i) {
@@ -95,8 +95,7 @@ public:
     Floor(const SurfaceView& own, const ShiftedCamera& shifted, double tolerance)
         : width_(shifted.intrinsics.width), nearer_(float(1 / (1 - tolerance))) {
         const Intrinsics& k = own.intrinsics;
-        const ProjectiveMap map =
-            projective_map(shifted.intrinsics, shifted.world_from_cam, k, own.world_from_cam);
+        const ProjectiveMap map = projective_map(shifted.intrinsics, shifted.world_from_cam, k, own.world_from_cam);
         const auto plane = [&](double x, double y, double z) {
             const glm::dvec3 of(x, y, z);
             return Plane{glm::dot(of, map.move), of * map.turn};
@@ -252,13 +251,14 @@ private:
             if (wanted < fewest || n.of->camera->bent) {
                 for (int x = x0; x < x0 + count; ++x)
                     if (sight[x - x0] == Sight::seen)
-                        out[x] = n.of->color(n.source_px[x], {x + 0.5f, y + 0.5f}, centre_, along(x, y),
-                                             1 / double(n.q[x]));
+                        out[x] =
+                            n.of->color(n.source_px[x], {x + 0.5f, y + 0.5f}, centre_, along(x, y), 1 / double(n.q[x]));
                 continue;
             }
             glm::vec3 run[most];
             uint8_t missing[most];
-            n.of->sampler.run(n.source_px + x0, {x0 + 0.5f, y + 0.5f}, size_t(count), sight, EdgeBand::keep, run, missing);
+            n.of->sampler.run(n.source_px + x0, {x0 + 0.5f, y + 0.5f}, size_t(count), sight, EdgeBand::keep, run,
+                              missing);
             for (int i = 0; i < count; ++i)
                 if (sight[i] == Sight::seen) out[x0 + i] = n.of->camera->gain * run[i];
         }

@@ -58,8 +58,13 @@ struct SurfaceField {
     /// the two where they are joined, extrapolated from the far side of the pixel where not.
     template <bool inner = false>
     float half_edge(int x, int y, int dx, int dy) const {
+        if (joined<inner>(x, y, x + dx, y + dy)) return 0.5f * (w.at(x, y) + w.at(x + dx, y + dy));
+        return torn_edge<inner>(x, y, dx, dy);
+    }
+    /// The same where they are not joined.
+    template <bool inner = false>
+    float torn_edge(int x, int y, int dx, int dy) const {
         const float own = w.at(x, y);
-        if (joined<inner>(x, y, x + dx, y + dy)) return 0.5f * (own + w.at(x + dx, y + dy));
         if (!joined<inner>(x, y, x - dx, y - dy)) return own;
         const float extended = own + 0.5f * (own - w.at(x - dx, y - dy));
         return std::clamp(extended, 0.5f * own, 2.0f * own);

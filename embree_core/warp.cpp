@@ -92,8 +92,8 @@ inline bool Sampler::is_edge(const Place& at) const {
         const float area = std::fabs(xu * yv - xv * yu), scale = std::fabs(hz);
         float across = scale * (std::fabs(yv) + std::fabs(xv)), down = scale * (std::fabs(yu) + std::fabs(xu));
         if (std::max(across, down) > plain_width_px * area) {
-            // Not a shear, which samples as densely as before: V's steps on R (times area / scale), the longer one less the
-            // nearest multiple of the shorter.
+            // Not a shear, which samples as densely as before: V's steps on R (times area / scale), the longer one less
+            // the nearest multiple of the shorter.
             glm::vec2 a(yv, -yu), b(-xv, xu);
             const float aa = a.x * a.x + a.y * a.y, bb = b.x * b.x + b.y * b.y, ab = a.x * b.x + a.y * b.y;
             const float times = std::nearbyint(ab / std::min(aa, bb));
@@ -134,8 +134,8 @@ glm::vec3 Sampler::torn(const Place& at) const {
         for (int i = 0; i < 2; ++i) {
             const int x = at.px + (i ? (at.dx < 0 ? -1 : 1) : 0), y = at.py + (j ? (at.dy < 0 ? -1 : 1) : 0);
             if (x < 0 || y < 0 || x >= image_.width || y >= image_.height) continue;
-            const float weight = (i ? std::fabs(at.dx) : 1 - std::fabs(at.dx)) *
-                                 (j ? std::fabs(at.dy) : 1 - std::fabs(at.dy));
+            const float weight =
+                (i ? std::fabs(at.dx) : 1 - std::fabs(at.dx)) * (j ? std::fabs(at.dy) : 1 - std::fabs(at.dy));
             if (!(weight > 0)) continue;
             if (i && !joined(x, at.py, at.px, at.py)) continue;
             if (j && !joined(at.px, y, at.px, at.py)) continue;
@@ -217,8 +217,8 @@ glm::vec3 Sampler::wide(const Place& at, glm::vec2 reach) const {
 void Sampler::run(const glm::vec2* source_px, glm::vec2 shifted_px, size_t n, const Sight* sight, EdgeBand edge,
                   glm::vec3* color, uint8_t* missing) const {
     static_assert(sizeof(glm::vec3) == 3 * sizeof(float) && sizeof(glm::vec2) == 2 * sizeof(float));
-    const sampling::Surface surface{field_.w.data.data(), field_.tears.data.data(), &image_.data[0].x, image_.width,
-                                    image_.height,        x_,                       y_,                z_};
+    const sampling::Surface surface{
+        field_.w.data.data(), field_.tears.data.data(), &image_.data[0].x, image_.width, image_.height, x_, y_, z_};
     sampling::Plan plan;
     glm::vec2 padded[sampling::most_pixels + sampling::padding];
     float rgb[3 * sampling::most_pixels + 1];
@@ -232,8 +232,10 @@ void Sampler::run(const glm::vec2* source_px, glm::vec2 shifted_px, size_t n, co
         }
         sampling::kernels().plan(surface, &from[0].x, at_px.x, at_px.y, count, plan);
         for (size_t i = 0; i < count; ++i) plan.kind[i] = is_seen(sight[first + i]) ? plan.kind[i] : sampling::other;
-        sampling::kernels().colors(surface, &from[0].x, count, plan, rgb);
-        std::memcpy(color + first, rgb, count * sizeof(glm::vec3));
+        // One number more than their own is written: the next pixel's, whose turn comes, or none of ours.
+        const bool last = first + count == n;
+        sampling::kernels().colors(surface, &from[0].x, count, plan, last ? rgb : &color[first].x);
+        if (last) std::memcpy(color + first, rgb, count * sizeof(glm::vec3));
         for (size_t i = 0; i < count; ++i) {
             bool none = false;
             if (plan.kind[i] == sampling::other)
@@ -253,7 +255,8 @@ void fit(int width, int height, ColorImage& color, Mask& missing) {
 
 }  // namespace
 
-void warp_row(const Reprojection& shown, const Sampler& sampler, EdgeBand edge, int y, ColorImage& color, Mask& missing) {
+void warp_row(const Reprojection& shown, const Sampler& sampler, EdgeBand edge, int y, ColorImage& color,
+              Mask& missing) {
     const size_t width = size_t(shown.sight.width), first = size_t(y) * width;
     sampler.run(&shown.source_px.data[first], {0.5f, float(y) + 0.5f}, width, &shown.sight.data[first], edge,
                 &color.data[first], &missing.data[first]);
@@ -261,8 +264,7 @@ void warp_row(const Reprojection& shown, const Sampler& sampler, EdgeBand edge, 
 
 void warp(const Reprojection& shown, const Sampler& sampler, EdgeBand edge, ColorImage& color, Mask& missing) {
     fit(shown.sight.width, shown.sight.height, color, missing);
-    tbb::parallel_for(0, shown.sight.height,
-                      [&](int y) { warp_row(shown, sampler, edge, y, color, missing); });
+    tbb::parallel_for(0, shown.sight.height, [&](int y) { warp_row(shown, sampler, edge, y, color, missing); });
 }
 
 Warped warp(const Reprojection& shown, const Sampler& sampler, EdgeBand edge) {
@@ -278,9 +280,9 @@ Warped warp(const ShiftedHoles& seen, const std::vector<Sampler>& samplers, Edge
         for (int x = 0; x < seen.hole.width; ++x) {
             const size_t at = size_t(y) * size_t(seen.hole.width) + size_t(x);
             const int source = seen.source.data[at];
-            out.missing.data[at] = source < 0 || !samplers.at(size_t(source)).sample(seen.source_px.data[at],
-                                                                                    {x + 0.5f, y + 0.5f}, edge,
-                                                                                    out.color.data[at]);
+            out.missing.data[at] =
+                source < 0 || !samplers.at(size_t(source))
+                                   .sample(seen.source_px.data[at], {x + 0.5f, y + 0.5f}, edge, out.color.data[at]);
         }
     });
     return out;

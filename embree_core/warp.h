@@ -2,7 +2,7 @@
 // Role: colours for the shifted view from a recorded picture. Stage: warp (paper III-C, I_shift).
 //
 // Bilinear; where V sees the surface smaller than R does, a tent as wide as V's pixel, so that fine patterns average
-// instead of aliasing. No sample is mixed across a tear. Beside a tear the far side's last half pixel is a mixture of
+// instead of aliasing. A shear does not make it smaller. No sample is mixed across a tear. Beside a tear the far side's last half pixel is a mixture of
 // both in any antialiased picture: under EdgeBand::drop those pixels get no colour.
 #pragma once
 #include "embree_core/holes.h"

@@ -155,13 +155,15 @@ TEST_CASE("a road seen from the side is sheared, not blurred", "[warp]") {
 TEST_CASE("what a box reaches, also where it stands on both sides of V's plane", "[raster]") {
     // Random cameras and boxes of (u, v, 1/z); whatever the kernels' floats take as in front of V lies in the reach.
     std::mt19937 random(11);
-    const auto between = [&](double low, double high) { return std::uniform_real_distribution<double>(low, high)(random); };
+    const auto between = [&](double low, double high) {
+        return std::uniform_real_distribution<double>(low, high)(random);
+    };
     const Intrinsics k = camera_at({0, 0, 0}).intrinsics;
     size_t cut = 0, narrower = 0, inside = 0, outside = 0;
     for (int round = 0; round < 4000; ++round) {
         Pose v_from_r;
-        v_from_r.rotation = glm::mat3_cast(glm::angleAxis(
-            between(-3.1, 3.1), glm::normalize(dvec3(between(-0.3, 0.3), 1, between(-0.3, 0.3)))));
+        v_from_r.rotation = glm::mat3_cast(
+            glm::angleAxis(between(-3.1, 3.1), glm::normalize(dvec3(between(-0.3, 0.3), 1, between(-0.3, 0.3)))));
         v_from_r.translation_m = {between(-4, 4), between(-1, 1), between(-4, 4)};
         const raster::FloatMap map(projective_map(k, v_from_r, k, {}));
         const float u0 = float(int(between(-1, 300))), u1 = u0 + 64, v0 = float(int(between(-1, 220))), v1 = v0 + 16;
@@ -173,8 +175,9 @@ TEST_CASE("what a box reaches, also where it stands on both sides of V's plane",
         for (int i = 0; i < 400; ++i) {
             const auto at = [&](float a, float b) { return std::min(b, a + float(between(0, 1.0)) * (b - a)); };
             const bool corner = i < 8;
-            const raster::Corner c = map.corner(corner ? (i & 1 ? u1 : u0) : at(u0, u1), corner ? (i & 2 ? v1 : v0) : at(v0, v1),
-                                                corner ? (i & 4 ? w.high : w.low) : at(w.low, w.high));
+            const raster::Corner c =
+                map.corner(corner ? (i & 1 ? u1 : u0) : at(u0, u1), corner ? (i & 2 ? v1 : v0) : at(v0, v1),
+                           corner ? (i & 4 ? w.high : w.low) : at(w.low, w.high));
             if (!(c.r > 0)) {
                 ++behind;
                 continue;
@@ -183,14 +186,16 @@ TEST_CASE("what a box reaches, also where it stands on both sides of V's plane",
             // A pixel whose centre it covers, or would with half a pixel more.
             const double x = double(c.x), y = double(c.y);
             if (!(x >= 0 && x <= 319 && y >= 0 && y <= 239)) continue;
-            const bool held = x >= reach.x0 - 1 && x <= reach.x1 && y >= reach.y0 - 1 && y <= reach.y1 && c.q <= highest_q;
+            const bool held =
+                x >= reach.x0 - 1 && x <= reach.x1 && y >= reach.y0 - 1 && y <= reach.y1 && c.q <= highest_q;
             held ? ++inside : ++outside;
         }
         if (!behind || !front) continue;
         ++cut;
         narrower += reach.x0 > 0 || reach.x1 < 320 || reach.y0 > 0 || reach.y1 < 240;
     }
-    INFO(cut << " boxes on both sides, " << narrower << " of them narrower than the image; " << inside << " points inside");
+    INFO(cut << " boxes on both sides, " << narrower << " of them narrower than the image; " << inside
+             << " points inside");
     CHECK(outside == 0);
     CHECK(inside > 20000);
     CHECK(cut > 500);
