@@ -21,8 +21,8 @@ from fills import STYLE  # noqa: E402
 
 PANELS = (("psnr_db", "PSNR in disocclusions, dB"), ("gradient_share", "gradient energy, share of the truth's"),
           ("texture_distance", "texture distance (lower is nearer)"))
-COLOURS = ("#0a7fc2", "#d55e00", "#009e73", "#cc79a7", "#6b5b3e")
-MARKERS = ("o", "s", "D", "^", "v")
+COLOURS = ("#0a7fc2", "#d55e00", "#009e73", "#cc79a7", "#6b5b3e", "#b79f00")
+MARKERS = ("o", "s", "D", "^", "v", "P")
 
 
 def series(rows):

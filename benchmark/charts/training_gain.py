@@ -55,8 +55,11 @@ def main():
     ax.axhline(1, color="#666666", linestyle=":", linewidth=1)
     ax.set(xscale="log", xlabel="training pairs (streets)", ylabel="gain over the best classical fill, dB",
            title=f"true disocclusions, {len(common)} streets that no training saw")
-    ax.set_xticks([m["pairs"] for m, _ in models],
-                  [f"{m['pairs']} ({m['streets']})" + ("\nother lanes" if other else "") for (m, _), other in zip(models, lanes)], fontsize=7)
+    middle = [m for (m, _), other in zip(models, lanes) if not other]
+    ax.set_xticks([m["pairs"] for m in middle], [f"{m['pairs']} ({m['streets']})" for m in middle])
+    for (m, _), other in zip(models, lanes):
+        if other:
+            ax.annotate(f"{m['pairs']} pairs,\nother lanes too", (m["pairs"], ax.get_ylim()[1]), textcoords="offset points", xytext=(-14, -24), ha="right", fontsize=8)
     ax.minorticks_off()
     ax.set_ylim(bottom=min(0, ax.get_ylim()[0]))
     ax.legend(frameon=False, title="shift")

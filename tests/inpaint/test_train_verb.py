@@ -168,6 +168,14 @@ class Train(unittest.TestCase):
         self.assertEqual(files[0], files[1])
         rows = [float(line.split(",")[1]) for line in (self.folder / "a.curve.csv").read_text().splitlines()[1:]]
         self.assertLess(sum(rows[-8:]), 0.9 * sum(rows[:8]))
+        # How much texture it adds in filling is no matter of training.
+        (self.folder / "detail.json").write_text('{"rays": {"detail": 1.1}}')
+        done = self.train("d.safetensors", kind="pixel_rays", steps=80, pairs=12, config=self.folder / "detail.json")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        headers = [header(self.folder / name) for name in ("a.safetensors", "d.safetensors")]
+        self.assertEqual(json.loads(headers[1]["__metadata__"]["config"])["rays"]["detail"], 1.1)
+        for name in set(headers[0]) - {"__metadata__"}:
+            self.assertEqual(self.tensor("a.safetensors", headers[0][name]), self.tensor("d.safetensors", headers[1][name]), name)
         other = self.train("c.safetensors", kind="pixel_rays", steps=5, pairs=12, seed=2)
         self.assertEqual(other.returncode, 0, other.stderr)
         self.assertNotEqual((self.folder / "c.safetensors").read_bytes(), files[0])
