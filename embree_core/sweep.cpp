@@ -159,12 +159,7 @@ void Sweeper::classes(const SweepCamera& camera, const DepthMap& depth, Grid<uin
                 (heading > 0 ? kernels().inverse : kernels().inverse_reversed)(z, width, room.q());
                 Horizon horizon;
                 LineSweep(row_rule, rays, room, width, horizon).run(0, width);
-                uint8_t* target = &out.data[size_t(row) * width];
-                if (heading > 0)
-                    std::copy_n(room.classes.data(), width, target);
-                else
-                    copy_reversed(room.classes.data(), width, target);
-                kernels().pixels(rule, z, row, width, target);
+                kernels().pixels(rule, z, row, width, room.classes.data(), heading < 0, &out.data[size_t(row) * width]);
             }
         });
         return;
@@ -216,7 +211,7 @@ void Sweeper::classes(const SweepCamera& camera, const DepthMap& depth, Grid<uin
                     }
                 }
             }
-            kernels().pixels(rule, &depth.data[size_t(row) * width], row, width, target);
+            kernels().pixels(rule, &depth.data[size_t(row) * width], row, width, target, false, target);
         }
     });
 }
@@ -255,7 +250,7 @@ PointBits::~PointBits() = default;
 
 void PointBits::add(const DepthMap& depth, int row, uint8_t* classes) const {
     const size_t width = size_t(depth.width);
-    kernels().pixels(*rule_, &depth.data[size_t(row) * width], row, width, classes);
+    kernels().pixels(*rule_, &depth.data[size_t(row) * width], row, width, classes, false, classes);
 }
 
 }  // namespace vshift

@@ -72,6 +72,11 @@ HWY_INLINE hn::Mask<F> torn_between(V before, V a, V b, V after, const TearRule&
     const V solid = hn::Set(f, solid_q);
     const V change = hn::Sub(b, a);
     const V step = hn::Abs(change);
+    const auto seen = hn::Gt(hn::Mul(set(rule.px_per_q), step), set(rule.tear_px));
+    const auto both = hn::And(hn::Gt(a, solid), hn::Gt(b, solid));
+    const auto neither = hn::And(hn::Le(a, solid), hn::Le(b, solid));  // sky beside sky; false for NaN
+    const auto whole = hn::Or(neither, hn::AndNot(seen, both));
+    if (hn::AllTrue(f, whole)) return hn::Not(whole);
     const V infinity = hn::Set(f, std::numeric_limits<float>::infinity());
     const V left_break = hn::Add(hn::Sub(before, a), change), right_break = hn::Sub(hn::Sub(after, b), change);
     const V left = hn::Abs(left_break), right = hn::Abs(right_break);
@@ -82,10 +87,7 @@ HWY_INLINE hn::Mask<F> torn_between(V before, V a, V b, V after, const TearRule&
     const V q = hn::Max(a, b);
     const V errors = hn::MulAdd(q, hn::MulAdd(q, set(rule.squared), set(rule.relative)), set(rule.constant));
     const auto breaks = hn::Ge(hn::Min(left_known, right_known), hn::MulAdd(share, step, errors));
-    const auto seen = hn::Gt(hn::Mul(set(rule.px_per_q), step), set(rule.tear_px));
-    const auto both = hn::And(hn::Gt(a, solid), hn::Gt(b, solid));
-    const auto neither = hn::And(hn::Le(a, solid), hn::Le(b, solid));  // sky beside sky; false for NaN
-    return hn::Not(hn::Or(neither, hn::And(both, hn::Not(hn::And(breaks, seen)))));
+    return hn::Not(hn::Or(whole, hn::AndNot(breaks, both)));
 }
 
 /// |gain| q / (1 - cz q) in key units, minus the sample's own place. `beside`: cz is 0.
@@ -115,7 +117,8 @@ HWY_INLINE void key_row(const LineRule& rule, const float* q, size_t padded, int
     const F f;
     const I d;
     const size_t lanes = hn::Lanes(f);
-    const V centre_z = hn::Set(f, rule.centre_z), gain_step = hn::Set(f, rule.gain_step), gain0 = hn::Set(f, rule.gain0);
+    const V centre_z = hn::Set(f, rule.centre_z), gain_step = hn::Set(f, rule.gain_step),
+            gain0 = hn::Set(f, rule.gain0);
     for (size_t i = 0; i < padded; i += lanes) {
         const auto index = hn::Add(hn::Iota(d, 0), hn::Set(d, int32_t(i)));
         const V gain = hn::Abs(hn::MulAdd(gain_step, hn::ConvertTo(f, index), gain0));
@@ -151,7 +154,7 @@ void keys(const LineRule& rule, const float* q, size_t n, int32_t* key, uint16_t
     }
 }
 
-void pixels(const PixelRule& r, const float* z, int y, size_t n, uint8_t* classes) {
+void pixels(const PixelRule& r, const float* z, int y, size_t n, const uint8_t* classes, bool reversed, uint8_t* out) {
     const F f;
     const I d;
     const size_t lanes = hn::Lanes(f);
@@ -165,7 +168,7 @@ void pixels(const PixelRule& r, const float* z, int y, size_t n, uint8_t* classe
     for (int k = 0; k < r.outside_count; ++k) outside_at[k] = in_row(r.outside[k].at);
     for (int k = 0; k < r.unseen_count; ++k) unseen_at[k] = in_row(r.unseen[k]);
     float z_last[block];
-    uint8_t bits_now[block];
+    uint8_t bytes_now[block] = {};
     for (size_t i = 0; i < n; i += lanes) {
         const bool whole = i + lanes <= n;
         const float* source = z + i;
@@ -203,15 +206,16 @@ void pixels(const PixelRule& r, const float* z, int y, size_t n, uint8_t* classe
         }
         const auto known = hn::RebindMask(d, hn::Gt(depth, least));
         const hn::Rebind<uint8_t, F> bytes;
-        uint8_t* target = classes + i;
+        const uint8_t* from = classes + (reversed ? n - lanes - i : i);
         if (!whole) {
-            std::memcpy(bits_now, target, n - i);
-            target = bits_now;
+            for (size_t k = 0; k < n - i; ++k) bytes_now[k] = classes[reversed ? n - 1 - i - k : i + k];
+            from = bytes_now;
         }
-        const auto before = hn::PromoteTo(d, hn::LoadU(bytes, target));
+        auto before = hn::PromoteTo(d, hn::LoadU(bytes, from));
+        if (reversed && whole) before = hn::Reverse(d, before);
         const auto all = hn::IfThenElse(known, hn::Or(before, bits), hn::Set(d, 4));
-        hn::StoreU(hn::DemoteTo(bytes, all), bytes, target);
-        if (!whole) std::memcpy(classes + i, bits_now, n - i);
+        hn::StoreU(hn::DemoteTo(bytes, all), bytes, whole ? out + i : bytes_now);
+        if (!whole) std::memcpy(out + i, bytes_now, n - i);
     }
 }
 

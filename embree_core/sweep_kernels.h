@@ -74,8 +74,10 @@ struct Kernels {
     /// keys of samples 0..n-1; bit i of `torn` (16 to an element): samples i and i + 1 are not joined; bit i of `rising`:
     /// they are, and the key of i is the greater.
     void (*keys)(const LineRule& rule, const float* q, size_t n, int32_t* key, uint16_t* torn, uint16_t* rising);
-    /// outside, unseen and unknown (no measurement) bits of a row of pixels, laid over `classes`.
-    void (*pixels)(const PixelRule& rule, const float* z, int y, size_t n, uint8_t* classes);
+    /// outside, unseen and unknown (no measurement) bits of a row of pixels, laid over `classes` (`reversed`: that run
+    /// from the last pixel to the first). `out` may be `classes`, unless they are reversed.
+    void (*pixels)(const PixelRule& rule, const float* z, int y, size_t n, const uint8_t* classes, bool reversed,
+                   uint8_t* out);
     /// q of a row with its lowest bit set where the pixel is torn from the one below (rows are y-1, y, y+1, y+2; null
     /// beyond the image).
     void (*mark_rows)(const float* const rows[4], size_t n, const TearRule& tear, float* q);
