@@ -25,25 +25,6 @@ bool torn_between(float before, float a, float b, float after, double px_per_inv
     return smallest >= float(share) * step + 4 * rules.error.at(std::max(a, b));
 }
 
-/// 1/z at pixel centres; returns the nearest depth.
-float read_pixels(LiftedMesh& mesh) {
-    const DepthMap& depth = mesh.depth;
-    mesh.inverse_depth = Grid<float>(depth.width, depth.height);
-    std::vector<lifting::RowCounts> rows(static_cast<size_t>(depth.height));
-    tbb::parallel_for(0, depth.height, [&](int y) {
-        const size_t first = size_t(y) * size_t(depth.width);
-        rows[size_t(y)] =
-            lifting::kernels().inverse(&depth.data[first], size_t(depth.width), &mesh.inverse_depth.data[first]);
-    });
-    float nearest_m = 1e12f;
-    for (const lifting::RowCounts& row : rows) {
-        mesh.invalid_px += row.invalid;
-        mesh.sky_px += row.sky;
-        nearest_m = std::min(nearest_m, row.nearest_m);
-    }
-    return nearest_m;
-}
-
 /// Pixels that are no vertices of the collapsed mesh any more move onto it.
 void snap_pixels(LiftedMesh& mesh, const CellPlan& plan) {
     if (plan.collapsed.empty()) return;
@@ -200,9 +181,11 @@ LiftedMesh lift(const Intrinsics& intrinsics, const DepthMap& depth, const LiftO
     mesh.error = options.rules.error;
     mesh.intrinsics = intrinsics;
     mesh.depth = depth;
-    const float nearest_m = read_pixels(mesh);
+    mesh.inverse_depth = Grid<float>(depth.width, depth.height);
+    const lifting::RowCounts counts = lifting::inverse_of(depth, mesh.inverse_depth);
+    mesh.invalid_px = counts.invalid, mesh.sky_px = counts.sky;
     find_tears(intrinsics, mesh.inverse_depth, options, mesh.tears);
-    mesh.wall_top = wall_top_of_nearest / nearest_m;
+    mesh.wall_top = wall_top_of_nearest / counts.nearest_m;
     const double px_per_inverse_depth = std::max(intrinsics.fx, intrinsics.fy) * options.baseline_m;
     const float bound =
         options.tolerance_px > 0 ? float(std::min(options.tolerance_px / px_per_inverse_depth, 1e30)) : 0;

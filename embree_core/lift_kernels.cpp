@@ -1,6 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "embree_core/lift_kernels.h"
 
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <vector>
+
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "embree_core/lift_kernels.cpp"
 #include <hwy/foreach_target.h>
@@ -186,6 +191,20 @@ HWY_EXPORT(get);
 const Kernels& kernels() {
     static const Kernels* const chosen = HWY_DYNAMIC_DISPATCH(get)();
     return *chosen;
+}
+
+RowCounts inverse_of(const DepthMap& depth, Grid<float>& w) {
+    std::vector<RowCounts> rows(static_cast<size_t>(depth.height));
+    tbb::parallel_for(0, depth.height, [&](int y) {
+        const size_t first = size_t(y) * size_t(depth.width);
+        rows[size_t(y)] = kernels().inverse(&depth.data[first], size_t(depth.width), &w.data[first]);
+    });
+    RowCounts all;
+    for (const RowCounts& row : rows) {
+        all.invalid += row.invalid, all.sky += row.sky;
+        all.nearest_m = std::min(all.nearest_m, row.nearest_m);
+    }
+    return all;
 }
 
 }  // namespace vshift::lifting

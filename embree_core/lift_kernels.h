@@ -6,9 +6,11 @@
 #include <cstdint>
 #include <limits>
 
+#include "embree_core/types.h"
+
 namespace vshift::lifting {
 
-/// What a row of depth holds.
+/// What a row of depth, or all of it, holds.
 struct RowCounts {
     uint32_t invalid = 0, sky = 0;
     float nearest_m = 1e12f;
@@ -45,5 +47,8 @@ struct Kernels {
 };
 
 const Kernels& kernels();
+
+/// 1/z of a whole depth map, by all cores; `w` has its size.
+RowCounts inverse_of(const DepthMap& depth, Grid<float>& w);
 
 }  // namespace vshift::lifting

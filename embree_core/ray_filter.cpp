@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <numeric>
 
 #include "embree_core/ray_filter_kernels.h"
@@ -17,9 +16,6 @@ using namespace filtering;
 
 namespace {
 
-constexpr float infinity = std::numeric_limits<float>::infinity();
-// As the kernels' `surely`: what is gentle rises at most so much of what the segments do.
-constexpr float surely = 0.9f;
 // No ray may leave its row by this much where the rows stand for themselves: surfaces end half a pixel off.
 constexpr float most_off_row_px = 0.4f;
 

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <array>
-#include <limits>
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "embree_core/ray_filter_kernels.cpp"
@@ -18,9 +17,6 @@ namespace hn = hwy::HWY_NAMESPACE;
 using F = hn::CappedTag<float, 16>;
 using I = hn::RebindToSigned<F>;
 
-constexpr float infinity = std::numeric_limits<float>::infinity();
-// Slopes up to this share of the segments' count as less steep.
-constexpr float surely = 0.9f;
 // What a float's rounding moves a place in V's picture by, and to spare.
 constexpr float place_px = 0.02f;
 

@@ -4,11 +4,15 @@
 #pragma once
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 namespace vshift::filtering {
 
 inline constexpr int tile_width = 8;
+/// Slopes up to this share of the segments' count as less steep.
+inline constexpr float surely = 0.9f;
+inline constexpr float infinity = std::numeric_limits<float>::infinity();
 /// Nearer to V's plane than this share of R's depth, places in V's picture mean nothing.
 inline constexpr float least_clear = 0.05f;
 

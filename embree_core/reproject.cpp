@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "embree_core/reproject.h"
 
-#include <tbb/parallel_for.h>
-
 #include <algorithm>
 
 #include "embree_core/lift_kernels.h"
@@ -39,22 +37,11 @@ void surface_view(const Intrinsics& intrinsics, const Pose& world_from_cam, cons
                   const glm::dvec3& shifted_centre_m, const DepthRules& rules, SurfaceView& view) {
     check_size(intrinsics, depth);
     view.intrinsics = intrinsics, view.world_from_cam = world_from_cam;
-    view.invalid_px = view.sky_px = 0;
     if (view.inverse_depth.width != depth.width || view.inverse_depth.height != depth.height)
         view.inverse_depth = Grid<float>(depth.width, depth.height);
-    std::vector<lifting::RowCounts> rows(static_cast<size_t>(depth.height));
-    tbb::parallel_for(0, depth.height, [&](int y) {
-        const size_t first = size_t(y) * size_t(depth.width);
-        rows[size_t(y)] =
-            lifting::kernels().inverse(&depth.data[first], size_t(depth.width), &view.inverse_depth.data[first]);
-    });
-    float nearest_m = 1e12f;
-    for (const lifting::RowCounts& row : rows) {
-        view.invalid_px += row.invalid;
-        view.sky_px += row.sky;
-        nearest_m = std::min(nearest_m, row.nearest_m);
-    }
-    view.wall_top = wall_top_of_nearest / nearest_m;
+    const lifting::RowCounts counts = lifting::inverse_of(depth, view.inverse_depth);
+    view.invalid_px = counts.invalid, view.sky_px = counts.sky;
+    view.wall_top = wall_top_of_nearest / counts.nearest_m;
     LiftOptions options;
     options.baseline_m = glm::length(shifted_centre_m - world_from_cam.translation_m);
     options.rules = rules;

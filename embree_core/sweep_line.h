@@ -96,15 +96,18 @@ struct Line {
     float* q() { return q_room.data() + padding; }
     uint16_t* rising() { return rising_room.data() + word; }
 
-    /// How many samples before `end` rise without a tear, from it on: those of a word at most, and then `more`.
-    size_t rising_before(size_t end, bool& more) const {
-        uint64_t bits;
-        std::memcpy(&bits, reinterpret_cast<const uint8_t*>(rising_room.data() + word) + ptrdiff_t((end - 1) / 8) - 7,
-                    8);
-        const size_t beyond = 7 - (end - 1) % 8;
-        const size_t run = size_t(std::countl_zero(~(bits << beyond)));
-        more = run == 64 - beyond;
-        return run;
+    /// The first of the samples before `end`, down to `begin`, that rise without a tear from it on; `end` if none does.
+    size_t rises_from(size_t begin, size_t end) const {
+        const uint8_t* bits = reinterpret_cast<const uint8_t*>(rising_room.data() + word);
+        while (end > begin) {
+            uint64_t last;  // the bits of samples up to end - 1 and `beyond` more
+            std::memcpy(&last, bits + ptrdiff_t((end - 1) / 8) - 7, 8);
+            const size_t beyond = 7 - (end - 1) % 8;
+            const size_t run = size_t(std::countl_zero(~(last << beyond)));
+            end -= std::min(run, end - begin);
+            if (run < 64 - beyond) break;
+        }
+        return end;
     }
 };
 
@@ -161,8 +164,7 @@ public:
             if (highest_ == key[end]) {
                 // V sees the surface that reaches sample `end`: as long as it goes on rising, V sees it.
                 const size_t from = end;
-                for (bool more = true; more && end > begin;)
-                    end -= std::min(line_.rising_before(end, more), end - begin);
+                end = line_.rises_from(begin, end);
                 if (end < from) {
                     highest_ = key[end];
                     continue;
@@ -226,8 +228,7 @@ private:
             gaps_.cover(key[end], start);
             return;
         }
-        size_t stop = end;  // of what rises
-        for (bool more = true; more && stop > begin;) stop -= std::min(line_.rising_before(stop, more), stop - begin);
+        const size_t stop = line_.rises_from(begin, end);
         size_t gap = gaps_.lowest_from(key[end - 1]);
         while (end > stop && key[end - 1] < highest_) {
             // Keys up to the next gap's end, or within a gap.
