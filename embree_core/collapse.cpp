@@ -119,18 +119,20 @@ CellPlan plan_cells(const SurfaceField& field, float bound, const RayFilter* fil
     if (filter) {
         constexpr int side = 1 << most_levels;
         plan.wanted_squares = Grid<uint8_t>((width + side - 1) / side, (height + side - 1) / side, 0);
-        plan.near_squares = plan.wanted_squares;
+        plan.near_squares = plan.asked_squares = plan.wanted_squares;
         const int columns = plan.wanted_squares.width, rows = plan.wanted_squares.height;
         tbb::parallel_for(0, rows, [&](int sy) {
             for (int y = sy * side; y < std::min((sy + 1) * side, height); ++y)
-                for (int x = 0; x < width; x += RayFilter::cells)
+                for (int x = 0; x < width; x += RayFilter::cells) {
                     if (filter->meets(x, y)) plan.wanted_squares.at(x / side, sy) = 1;
+                    if (filter->asks(x, y)) plan.asked_squares.at(x / side, sy) = 1;
+                }
         });
         for (int y = 0; y < rows; ++y)
             for (int x = 0; x < columns; ++x)
                 for (int ny = std::max(0, y - 1); ny <= std::min(rows - 1, y + 1); ++ny)
                     for (int nx = std::max(0, x - 1); nx <= std::min(columns - 1, x + 1); ++nx)
-                        plan.near_squares.at(x, y) |= plan.wanted_squares.at(nx, ny);
+                        plan.near_squares.at(x, y) |= plan.wanted_squares.at(nx, ny) | plan.asked_squares.at(nx, ny);
     }
     plan.kinds = Grid<uint8_t>(width + 1, height + 1, split_kind);
     static_assert(whole_kind == 2 && split_kind == 0);

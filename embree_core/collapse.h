@@ -24,12 +24,13 @@ struct CellPlan {
     float bound = 0;
     /// Null: the whole mesh is wanted.
     const RayFilter* filter = nullptr;
-    /// With a filter: which squares of 2^most_levels cells hold a cell that is wanted, and which lie beside one. Others
-    /// are not planned.
-    Grid<uint8_t> wanted_squares, near_squares;
+    /// With a filter: which squares of 2^most_levels cells hold a cell that is wanted, which a pixel that asks, and
+    /// which lie beside either. Others are not planned.
+    Grid<uint8_t> wanted_squares, asked_squares, near_squares;
 
     bool wanted(int x, int y) const { return !filter || filter->meets(x, y); }
     bool square_wanted(int x, int y) const { return square(wanted_squares, x, y); }
+    bool square_asked(int x, int y) const { return square(asked_squares, x, y); }
     bool square_near(int x, int y) const { return square(near_squares, x, y); }
 
     static bool square(const Grid<uint8_t>& squares, int x, int y);

@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 #include <optional>
+#include <utility>
 
 #include "embree_core/ray_filter.h"
 #include "embree_core/sweep.h"
@@ -196,34 +197,32 @@ public:
         return q;
     }
 
-    /// Adds to `classes` what this camera alone can say about its pixels x0 to x1: any wall that a segment passes hides
-    /// something.
-    void ask(int x0, int x1, int y, uint8_t* classes) const {
+    /// Adds to `classes`, a row of them, what this camera alone can say about `count` of its pixels, a packet's at
+    /// most: any wall that a segment passes hides something.
+    void ask(const int* columns, int count, int y, uint8_t* classes) const {
         std::array<Question, RayPacket::size> questions;
         RayPacket packet;
         uint32_t asked = 0;
-        for (int x = x0; x < x1; ++x) {
-            if (!measured(x, y)) continue;
-            const int i = x - x0;
-            const Question& q = questions[size_t(i)] = question(x, y);
+        for (int i = 0; i < count; ++i) {
+            if (!measured(columns[i], y)) continue;
+            const Question& q = questions[size_t(i)] = question(columns[i], y);
             packet.set(i, glm::vec3(q.stretch.origin), glm::vec3(q.stretch.direction), float(q.whole.begin),
                        float(q.whole.end));
             asked |= 1u << i;
         }
         uint32_t occluded = view_.kept.occluded(packet, asked), walled = 0;
-        for (int x = x0; x < x1; ++x) {
-            const int i = x - x0;
+        for (int i = 0; i < count; ++i) {
             if (!((asked & ~occluded) >> i & 1)) continue;
             const Question& q = questions[size_t(i)];
-            if (!q.sky && faces_away(mesh_, x, y, q.p, centre_))
+            if (!q.sky && faces_away(mesh_, columns[i], y, q.p, centre_))
                 occluded |= 1u << i;
             else if (view_.torn.add(q.stretch.origin, q.stretch.direction, q.stretch.begin, q.stretch.end, i, packet))
                 walled |= 1u << i;
         }
         walled = view_.torn.passed(packet, walled);
-        for (int x = x0; x < x1; ++x)
-            classes[x] |=
-                uint8_t((occluded >> (x - x0) & 1 ? occluded_bit : 0) | (walled >> (x - x0) & 1 ? unknown_bit : 0));
+        for (int i = 0; i < count; ++i)
+            classes[columns[i]] |=
+                uint8_t((occluded >> i & 1 ? occluded_bit : 0) | (walled >> i & 1 ? unknown_bit : 0));
     }
 
 private:
@@ -253,8 +252,17 @@ RecordedMasks mask(const LiftedRig& rig, const ShiftedCamera& shifted, double cl
     Grid<uint8_t> classes(k.width, k.height, 0);
     tbb::parallel_for(0, k.height, [&](int y) {
         uint8_t* row = &classes.at(0, y);
-        for (int x = 0; x < k.width && !still; x += RayPacket::size)
-            if (!filter || filter->asks(x, y)) view.ask(x, std::min(x + RayPacket::size, k.width), y, row);
+        std::array<int, RayPacket::size> columns;
+        int count = 0;
+        for (int x = 0; x < k.width && !still; ++x) {
+            if (filter && !filter->asks(x, y)) {
+                x |= RayFilter::cells - 1;  // the last that is answered alike
+                continue;
+            }
+            columns[size_t(count++)] = x;
+            if (count == RayPacket::size) view.ask(columns.data(), std::exchange(count, 0), y, row);
+        }
+        if (count) view.ask(columns.data(), count, y, row);
         point_bits.add(own.mesh.depth, y, row);
         for (int x = 0; x < k.width && rig.views.size() > 1; ++x) {
             const uint8_t before = row[x];

@@ -137,7 +137,7 @@ private:
         // Also the last corners of the squares before.
         constexpr int side = 1 << most_levels;
         for (int x = 0; x < width_; x += side) {
-            bool wanted = false;
+            bool wanted = plan_.square_asked(x, y);
             for (const int px : {x, x - 1})
                 for (const int py : {y, y - 1}) wanted = wanted || plan_.square_wanted(px, py);
             if (!wanted) continue;

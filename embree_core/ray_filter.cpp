@@ -60,26 +60,60 @@ struct Order {
             back[size_t(i)] = here ? centre_z <= 0 : first < 0;
         }
     }
+    /// Of each the first and the last of itself and the neighbours that the way leads on to (`from_there`: that lead to
+    /// it).
+    std::vector<std::pair<int, int>> next(bool from_there) const {
+        const int count = int(order.size());
+        std::vector<std::pair<int, int>> all;
+        for (int i = 0; i < count; ++i) {
+            const bool before = i > 0 && (from_there ? ahead[size_t(i) - 1] : back[size_t(i)]);
+            const bool after = i + 1 < count && (from_there ? back[size_t(i) + 1] : ahead[size_t(i)]);
+            all.emplace_back(before ? i - 1 : i, after ? i + 1 : i);
+        }
+        return all;
+    }
 };
 
-/// How many tiles on, in columns and in rows, the way to V is gentle, the own one included.
-Grid<uint16_t> gentle_reach(const std::vector<TileRow>& tiles, const Order& across, const Order& down) {
+/// How many tiles on (back: on the ways that lead there), in columns and in rows, the way to V is gentle, the own one
+/// included.
+Grid<uint16_t> gentle_reach(const std::vector<TileRow>& tiles, const Order& across, const Order& down, bool back) {
     constexpr uint16_t most = 0x7fff;
     const int columns = int(across.order.size()), rows = int(tiles.size());
     Grid<uint16_t> reach(columns, rows, 0);
-    for (const int y : down.order)
-        for (const int x : across.order) {
-            if (!tiles[size_t(y)].gentle[size_t(x)]) continue;
-            uint16_t least = most;
-            const int x0 = across.back[size_t(x)] && x > 0 ? -1 : 0,
-                      x1 = across.ahead[size_t(x)] && x + 1 < columns ? 1 : 0;
-            const int y0 = down.back[size_t(y)] && y > 0 ? -1 : 0, y1 = down.ahead[size_t(y)] && y + 1 < rows ? 1 : 0;
-            for (int dy = y0; dy <= y1; ++dy)
-                for (int dx = x0; dx <= x1; ++dx)
-                    if (dx || dy) least = std::min(least, reach.at(x + dx, y + dy));
-            reach.at(x, y) = uint16_t(std::min<int>(most, least + 1));
+    std::vector<int> order = across.order;
+    if (back) std::reverse(order.begin(), order.end());
+    const auto beside = across.next(back), along = down.next(back);
+    std::vector<uint16_t> other_rows(size_t(columns), most);
+    for (int i = 0; i < rows; ++i) {
+        const int y = down.order[size_t(back ? rows - 1 - i : i)];
+        const auto [y0, y1] = along[size_t(y)];
+        if (y0 < y1) std::fill(other_rows.begin(), other_rows.end(), most);
+        for (int other = y0; other <= y1; ++other)
+            for (int x = 0; x < columns && other != y; ++x)
+                other_rows[size_t(x)] = std::min(other_rows[size_t(x)], reach.at(x, other));
+        uint16_t* const row = &reach.at(0, y);
+        const uint8_t* const gentle = tiles[size_t(y)].gentle.data();
+        for (const int x : order) {
+            if (!gentle[x]) continue;
+            const auto [x0, x1] = beside[size_t(x)];
+            uint16_t least = other_rows[size_t(x)];
+            if (x0 < x) least = std::min({least, row[x0], other_rows[size_t(x0)]});
+            if (x1 > x) least = std::min({least, row[x1], other_rows[size_t(x1)]});
+            row[x] = std::min<uint16_t>(most, uint16_t(least + 1));
         }
+    }
     return reach;
+}
+
+/// How far the way to V stays among tiles along one axis, at least, for each unit of 1/z: tiles of `size` pixels.
+std::vector<float> stays(int count, int size, double centre, double centre_z, bool stands_still) {
+    std::vector<float> all;
+    for (int i = 0; i < count; ++i) {
+        const auto way = [&](int at) { return std::fabs(centre - centre_z * double(at) * size); };
+        const double steepest = stands_still ? 0 : std::max(way(i), way(i + 1));
+        all.push_back(steepest > 0 ? float(std::min(size / steepest, 1e30)) : 1e30f);
+    }
+    return all;
 }
 
 }  // namespace
@@ -125,7 +159,17 @@ RayFilter::RayFilter(const Surface& surface, const glm::dvec3& centre_m) : centr
     });
     const Order across(columns, tile_width, centre_x, centre_m.z, false);
     const Order down(rows, tile_height, centre_y, centre_m.z, only_rows);
-    const Grid<uint16_t> reach = gentle_reach(tiles, across, down);
+    const Grid<uint16_t> reach = gentle_reach(tiles, across, down, false);
+    const Grid<uint16_t> reach_back = gentle_reach(tiles, across, down, true);
+    const std::vector<float> stays_across = stays(columns, tile_width, centre_x, centre_m.z, false),
+                             stays_down = stays(rows, tile_height, centre_y, centre_m.z, only_rows);
+    // By how much 1/z of the segments that pass tile (x, y) changes at least over so many tiles: with 1/z they move by
+    // `way` over R's picture, per 1 - centre_z w.
+    const auto rise = [&](size_t x, size_t y, int tiles_on) {
+        const TileRow& row = tiles[y];
+        const float clear = std::max(0.0f, 1 - std::max(setting.centre_z * row.low[x], setting.centre_z * row.high[x]));
+        return surely * clear * float(tiles_on) * std::min(stays_across[x], stays_down[y]);
+    };
 
     // Rows that stand for themselves share no bin.
     const auto each_row = [&](auto&& body) {
@@ -149,21 +193,11 @@ RayFilter::RayFilter(const Surface& surface, const glm::dvec3& centre_m) : centr
     Picture farthest{Grid<float>(setting.u.bins, setting.v.bins, infinity), infinity};
     each_row([&](int y) {
         const TileRow& row = tiles[size_t(y)];
-        const auto steepest = [&](double centre, int at, int size) {
-            return std::max(std::fabs(way(centre, at * size)), std::fabs(way(centre, (at + 1) * size)));
-        };
-        const double down_px = only_rows ? 0 : steepest(centre_y, y, tile_height);
         for (int x = 0; x < columns; ++x) {
             const size_t at = size_t(x);
             if (const int tiles_on = reach.at(x, y) - 1; tiles_on > 0 && !(row.anywhere[at] & 1)) {
-                // With 1/z the segment moves by `way` over R's picture, per 1 - centre_z w; as far as all is gentle
-                // nothing that it meets is nearer than this.
-                const double across_px = steepest(centre_x, x, tile_width);
-                const double clear =
-                    std::max(0.0, 1 - std::max(centre_m.z * double(row.low[at]), centre_m.z * double(row.high[at])));
-                const double on = std::min(across_px > 0 ? tiles_on * tile_width / across_px : 1e30,
-                                           down_px > 0 ? tiles_on * tile_height / down_px : 1e30);
-                const float allowed = float(double(row.low[at]) + double(surely) * clear * on);
+                // As far as all is gentle nothing that the segment meets is nearer than this.
+                const float allowed = row.low[at] + rise(at, size_t(y), tiles_on);
                 bool clear_there = nearest.anywhere <= allowed;
                 nearest.visit(row.pixels[at], [&](float& bin) { clear_there = clear_there && bin <= allowed; });
                 asks_.at(x, y) = !clear_there;
@@ -180,10 +214,12 @@ RayFilter::RayFilter(const Surface& surface, const glm::dvec3& centre_m) : centr
         const TileRow& row = tiles[size_t(y)];
         for (int x = 0; x < columns; ++x) {
             const size_t at = size_t(x);
-            const float high = row.high[at];
+            // What begins on the gentle way to here passes above; what begins before it must have begun as far below.
+            const int tiles_back = std::max(0, reach_back.at(x, y) - 1);
+            const float high = row.high[at] - rise(at, size_t(y), tiles_back);
             bool met = farthest.anywhere <= high || (row.anywhere[at] & 2 && !only_rows);
             if (!met) farthest.visit(row.surface[at], [&](float& bin) { met = met || bin <= high; });
-            meets_.at(x, y) = high > 0 && met;
+            meets_.at(x, y) = row.high[at] > 0 && met;
         }
     });
     if (!only_rows) return;

@@ -39,7 +39,7 @@ public:
     /// Whether such a ray may meet the mesh in the cell whose first corner is pixel (x, y), -1 at the border.
     bool meets(int x, int y) const { return meets_.at(x < 0 ? 0 : x >> width_shift, y < 0 ? 0 : y >> height_shift_); }
     /// As many cells of a row, from a multiple of it on, are answered alike.
-    static constexpr int cells = 8;
+    static constexpr int cells = 4;
     /// The same of any cell, pixel, from (x0, y0) to (x1, y1), the last ones included.
     bool meets_any(int x0, int y0, int x1, int y1) const { return any(meets_, x0, y0, x1, y1); }
     bool asks_any(int x0, int y0, int x1, int y1) const { return any(asks_, x0, y0, x1, y1); }
@@ -47,7 +47,7 @@ public:
     const glm::dvec3& centre_m() const { return centre_m_; }
 
 private:
-    static constexpr int width_shift = 3;
+    static constexpr int width_shift = 2;
     static_assert(1 << width_shift == cells);
     bool any(const Grid<uint8_t>& tiles, int x0, int y0, int x1, int y1) const {
         x1 = std::min(std::max(x1, 0) >> width_shift, tiles.width - 1);

@@ -9,7 +9,7 @@
 
 namespace vshift::filtering {
 
-inline constexpr int tile_width = 8;
+inline constexpr int tile_width = 4;
 /// Slopes up to this share of the segments' count as less steep.
 inline constexpr float surely = 0.9f;
 inline constexpr float infinity = std::numeric_limits<float>::infinity();
