@@ -135,7 +135,7 @@ SplitCell split(const SurfaceField& f, int cx, int cy) {
         if (cell.state[c] == Pixel::solid) cell.towards_next[c] = f.torn_edge<inner>(x0, y0, x1 - x0, y1 - y0);
         if (cell.state[n] == Pixel::solid) cell.towards_last[n] = f.torn_edge<inner>(x1, y1, x0 - x1, y0 - y1);
     }
-    for (int pass = 0; pass < 2; ++pass)
+    for (int pass = 0; pass < 3; ++pass)  // round three joined edges at most
         for (int c = 0; c < 4; ++c)
             if (const int n = (c + 1) % 4; cell.joined_next[c])
                 cell.part[c] = cell.part[n] = std::min(cell.part[c], cell.part[n]);

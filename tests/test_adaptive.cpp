@@ -6,6 +6,7 @@
 #include <random>
 
 #include "embree_core/ray_filter.h"
+#include "embree_core/surface_field.h"
 #include "tests/catch.h"
 #include "tests/minimal_support.h"
 
@@ -266,6 +267,39 @@ TEST_CASE("every closed form holds under a tolerance of 0.02 px, and masks stay 
     }
 }
 
+TEST_CASE("a cell that is torn along one edge alone is one part, whichever edge it is", "[adaptive]") {
+    const int joined_bits[4][3] = {
+        {1, 1, 1}, {2, 1, 2}, {1, 2, 1}, {1, 1, 2}};  // x, y, bit of the edge after each corner
+    for (int torn = 0; torn < 4; ++torn) {
+        INFO("edge " << torn);
+        Grid<float> w(4, 4, 0.1f);
+        Grid<uint8_t> tears(4, 4, 0);
+        const auto& edge = joined_bits[torn];
+        tears.at(edge[0], edge[1]) = uint8_t(edge[2]);
+        const SplitCell cell = split_cell({w, tears}, 1, 1);
+        for (int c = 0; c < 4; ++c) {
+            CHECK(cell.joined_next[size_t(c)] == (c != torn));
+            CHECK(cell.part[size_t(c)] == 0);
+        }
+        CHECK(cell.centre[0] == 0.1f);
+    }
+}
+
+TEST_CASE("a tear that ends within the surface is lifted under any tolerance", "[adaptive]") {
+    // A flap that bends towards the camera over its length: torn at one end, joined at the other.
+    for (const bool across : {true, false})
+        for (const bool turned : {true, false}) {
+            INFO(across << turned);
+            Subject s = of_disparity("flap", 48, 48, [](double, double) { return 200.0; });
+            for (int y = 0; y < 48; ++y)
+                for (int x = 0; x < 48; ++x) {
+                    const int u = turned ? 47 - (across ? x : y) : (across ? x : y), v = across ? y : x;
+                    if (v > 24) s.depth.at(x, y) = float(320.0 / (200.0 + 0.06 * u));
+                }
+            for (const double tolerance : {0.0, 0.02, 0.5, 4.0}) CHECK(s.lifted(tolerance).mesh.kept_triangles > 0);
+        }
+}
+
 TEST_CASE("rays where they are needed say what rays everywhere say", "[filter]") {
     size_t asked = 0, spared = 0;
     for (const std::string& name : scene_names())
@@ -275,12 +309,14 @@ TEST_CASE("rays where they are needed say what rays everywhere say", "[filter]")
             const Case c = lift_scene(s, by);
             const RecordedMasks few = mask(c.rig, as_shifted(c.v), clear_m),
                                 all = mask(c.rig, as_shifted(c.v), clear_m, Casting::everywhere);
-            INFO(name << " ahead " << by.translation_m.x << " left " << by.translation_m.y << " up " << by.translation_m.z);
+            INFO(name << " ahead " << by.translation_m.x << " left " << by.translation_m.y << " up "
+                      << by.translation_m.z);
             CHECK(differing(few.occluded, all.occluded) + differing(few.unknown, all.unknown) +
                       differing(few.unseen, all.unseen) + differing(few.outside, all.outside) ==
                   0);
             const LiftedView& own = c.rig.views[size_t(c.rig.own)];
-            const RayFilter filter(own.mesh.surface(), inverse(own.world_from_cam).point(c.v.world_from_cam.translation_m));
+            const RayFilter filter(own.mesh.surface(),
+                                   inverse(own.world_from_cam).point(c.v.world_from_cam.translation_m));
             for (int y = 0; y < few.lost.height; ++y)
                 for (int x = 0; x < few.lost.width; ++x) ++(filter.asks(x, y) ? asked : spared);
         }
@@ -292,8 +328,8 @@ TEST_CASE("a mesh made for one mask gives the whole mesh's masks, and less of it
     uint64_t whole = 0, less = 0;
     for (const Subject& s : subjects())
         for (const double tolerance : {0.0, 0.02, 0.5})
-            for (const glm::dvec3& centre : {s.v_centre, glm::dvec3(0.7, 0, 0), glm::dvec3(0.3, -0.2, 0.4),
-                                             glm::dvec3(-0.1, 0.3, -0.5)}) {
+            for (const glm::dvec3& centre :
+                 {s.v_centre, glm::dvec3(0.7, 0, 0), glm::dvec3(0.3, -0.2, 0.4), glm::dvec3(-0.1, 0.3, -0.5)}) {
                 const auto masks = [&](LiftedMesh mesh, Casting casting, uint64_t& triangles) {
                     triangles += mesh.kept_triangles + 2 * mesh.torn.size();
                     LiftedRig rig;
@@ -309,7 +345,8 @@ TEST_CASE("a mesh made for one mask gives the whole mesh's masks, and less of it
                     few[threads - 1] = masks(lift_for_mask(s.k, Pose{}, s.depth, centre, tolerance),
                                              Casting::where_needed, threads == 1 ? less : counted);
                 }
-                INFO(s.name << ", tolerance " << tolerance << ", from " << centre.x << " " << centre.y << " " << centre.z);
+                INFO(s.name << ", tolerance " << tolerance << ", from " << centre.x << " " << centre.y << " "
+                            << centre.z);
                 for (const char* channel : {"lost", "occluded", "outside", "unknown", "unseen"}) {
                     CHECK(differing(channel_of(few[0], channel), channel_of(all, channel)) == 0);
                     CHECK(differing(channel_of(few[0], channel), channel_of(few[1], channel)) == 0);
