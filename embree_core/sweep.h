@@ -27,7 +27,7 @@ struct SweepCamera {
     double clear_m = 2.0;        ///< radius round V's centre that is taken as free
     DepthRules rules{};
     float reach_px = 0.5f;       ///< how far a surface goes on past its last pixel's centre: from 0 to 1 it may be
-    double lines_per_px = 2.0;   ///< where lines are not the rows: how close they lie at the image's far border
+    double lines_per_px = 1.85;  ///< where lines are not the rows: how close they lie at the image's far border
 };
 
 /// Keeps its buffers between frames. One sweeper serves one thread; inside it uses all cores.
