@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include "embree_core/lift.h"
 #include "embree_core/lift_kernels.h"
 
 namespace vshift {

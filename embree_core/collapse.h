@@ -51,9 +51,6 @@ struct CellPlan {
 /// `bound` is in 1/z.
 CellPlan plan_cells(const SurfaceField& field, float bound, const RayFilter* filter = nullptr);
 
-/// The bound at a place: no depth changes by more than about this share, however small the shift.
-inline constexpr float largest_share = 0.01f;
-
 // Blocks of 32 x 32 cells: on streets there are so few of them that larger ones save next to nothing.
 inline constexpr int most_levels = 5;
 

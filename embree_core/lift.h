@@ -62,6 +62,8 @@ struct Uninitialized : std::allocator<T> {
 struct LiftedVertex {
     float x, y, z, pad;  ///< camera coordinates in metres; padded to 16 bytes for the ray tracer
 };
+/// However small the shift: collapsing moves no surface by more than about this share of its 1/z.
+inline constexpr float largest_share = 0.01f;
 /// Corners in order round the quad; a triangle repeats its last corner.
 using LiftedQuad = std::array<uint32_t, 4>;
 
@@ -86,7 +88,9 @@ struct LiftedMesh {
     /// Set where the mesh is made for one mask alone.
     std::shared_ptr<const RayFilter> filter;
 
-    RayFilter::Surface surface() const { return {intrinsics, inverse_depth, tears, wall_top, 2 * bound, error}; }
+    RayFilter::Surface surface() const {
+        return {intrinsics, inverse_depth, tears, wall_top, 2 * bound, 2 * largest_share, error};
+    }
 };
 
 /// Throws Error bad_input unless `depth` has the intrinsics' size.

@@ -105,6 +105,28 @@ Grid<uint16_t> gentle_reach(const std::vector<TileRow>& tiles, const Order& acro
     return reach;
 }
 
+/// What V may see in a great many bins counts as anywhere where there is much of it: depth maps full of unmeasured
+/// pixels, whose walls reach far.
+void limit_bins(std::vector<TileRow>& tiles) {
+    constexpr int64_t many = 64, most = 1 << 24;
+    const auto count = [](const Bins& b) { return int64_t(b.x1 - b.x0 + 1) * (b.y1 - b.y0 + 1); };
+    int64_t all = 0;
+    const auto each = [&](auto&& visit) {
+        for (TileRow& row : tiles)
+            for (size_t x = 0; x < row.low.size(); ++x) {
+                visit(row.pixels[x], row.anywhere[x], 1);
+                visit(row.surface[x], row.anywhere[x], 2);
+            }
+    };
+    each([&](const Bins& bins, uint8_t& anywhere, int bit) {
+        if (!(anywhere & bit) && count(bins) > many) all += count(bins);
+    });
+    if (all <= most) return;
+    each([&](const Bins& bins, uint8_t& anywhere, int bit) {
+        if (count(bins) > many) anywhere |= uint8_t(bit);
+    });
+}
+
 /// How far the way to V stays among tiles along one axis, at least, for each unit of 1/z: tiles of `size` pixels.
 std::vector<float> stays(int count, int size, double centre, double centre_z, bool stands_still) {
     std::vector<float> all;
@@ -143,6 +165,7 @@ RayFilter::RayFilter(const Surface& surface, const glm::dvec3& centre_m) : centr
                           {float(centre_y), only_rows ? 0 : rows / 2, only_rows ? rows : 2 * rows},
                           float(centre_m.z),
                           surface.slack,
+                          surface.slack_share,
                           surface.wall_top,
                           miss_px,
                           k.width,
@@ -157,6 +180,7 @@ RayFilter::RayFilter(const Surface& surface, const glm::dvec3& centre_m) : centr
         row.gentle.resize(count), row.anywhere.resize(count);
         kernels().tiles(setting, w.data.data(), surface.tears.data.data(), y, rooms.local(), row);
     });
+    if (!only_rows) limit_bins(tiles);
     const Order across(columns, tile_width, centre_x, centre_m.z, false);
     const Order down(rows, tile_height, centre_y, centre_m.z, only_rows);
     const Grid<uint16_t> reach = gentle_reach(tiles, across, down, false);

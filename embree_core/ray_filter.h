@@ -22,13 +22,13 @@ inline constexpr float largest_miss_px = 0.0017f;
 
 class RayFilter {
 public:
-    /// The surface of lift.h over 1/z `w`, from which the traced mesh may be off by `slack`.
+    /// The surface of lift.h over 1/z `w`, from which the traced mesh may be off by `slack` and by `slack_share` of it.
     struct Surface {
         const Intrinsics& intrinsics;
         const Grid<float>& w;
         const Grid<uint8_t>& tears;
         float wall_top;
-        float slack;
+        float slack, slack_share;
         const InverseDepthError& error;
     };
     /// `centre_m`: V's centre in the recorded camera.

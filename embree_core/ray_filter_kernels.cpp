@@ -182,7 +182,7 @@ void tiles(const Setting& s, const float* w, const uint8_t* tears, int tile_row,
     }
 
     const auto set = [&](float value) { return hn::Set(d, value); };
-    const V zero = hn::Zero(d), one = set(1), half = set(0.5f), two = set(2), slack = set(s.slack);
+    const V zero = hn::Zero(d), one = set(1), half = set(0.5f), two = set(2);
     const V centre_x = set(s.u.centre), centre_z = set(s.centre_z), most = set(infinity);
     const float way_top = s.v.centre - s.centre_z * float(y0), way_bottom = s.v.centre - s.centre_z * float(y1 + 1);
     const auto steepest = [](V way0, V way1, V lowest, V highest) {
@@ -206,6 +206,7 @@ void tiles(const Setting& s, const float* w, const uint8_t* tears, int tile_row,
         const V lowest_any = hn::Min(get(low, 0), get(low, 1)), highest = hn::Max(get(high, 0), get(high, 1));
         const auto bad = hn::Eq(highest, most), empty = hn::Eq(highest, zero);
         const V lowest = hn::IfThenElse(hn::Eq(lowest_any, most), zero, lowest_any);
+        const V slack = hn::Min(set(s.slack), hn::Mul(set(s.slack_share), highest));
         const V more = hn::Mul(set(4), slack);
         const V xl = hn::Sub(hn::Min(get(x_low, -1), get(x_low, 1)), more),
                 xh = hn::Add(hn::Max(get(x_high, -1), get(x_high, 1)), more);

@@ -28,6 +28,7 @@ struct Setting {
     Axis u, v;
     float centre_z;
     float slack;        ///< how far the traced surface may be off in 1/z
+    float slack_share;  ///< and as a share of it
     float wall_top;     ///< 1/z that walls beside unmeasured pixels reach
     float miss_px;      ///< by this many pixels, times 1/z, rays miss V's centre
     int width, height;  ///< of the image
