@@ -47,9 +47,9 @@ StartConfig parse_start(const nlohmann::json& json, const std::string& where) {
     StartConfig s;
     if (!json.is_object()) refuse(where, json.dump().substr(0, 40), "an object");
     for (const auto& [key, value] : json.items()) {
-        double* to = key == "noise" ? &s.noise : key == "coupling" ? &s.coupling : nullptr;
-        if (!to || !value.is_number() || !(value.get<double>() >= 0 && value.get<double>() < 1))
-            refuse(where + ": " + key, value.dump().substr(0, 40), "noise or coupling, from 0 to below 1");
+        double* to = key == "noise" ? &s.noise : key == "coupling" ? &s.coupling : key == "gain" ? &s.gain : nullptr;
+        if (!to || !value.is_number() || !(value.get<double>() >= 0 && value.get<double>() < (key == "gain" ? 4 : 1)))
+            refuse(where + ": " + key, value.dump().substr(0, 40), "noise or coupling, from 0 to below 1, or gain, to below 4");
         *to = value.get<double>();
     }
     return s;
@@ -148,7 +148,7 @@ std::string json_of(const ModelConfig& c) {
         j["dit"] = json_of(c.dit);
     if (!in_pixels(c)) j["vae"] = json_of(c.vae);
     if (c.has_start) {
-        j["start"] = {{"noise", c.start.noise}, {"coupling", c.start.coupling}};
+        j["start"] = {{"noise", c.start.noise}, {"coupling", c.start.coupling}, {"gain", c.start.gain}};
         j["rays"] = json_of(c.rays);
     }
     return j.dump();
@@ -350,7 +350,8 @@ Tensor beginning(const ModelConfig& c, const Example& e, const Tensor& noise, co
     Tensor texture = e.texture;
     if (z0.defined() && c.start.coupling > 0)
         texture = c.start.coupling * texture_of(z0, e.may_change) + std::sqrt(1 - c.start.coupling * c.start.coupling) * texture;
-    return held(c, e, c.rays.detail * texture + c.start.noise * c.residual_scale * noise);
+    const double strength = c.rays.detail * (z0.defined() ? 1 : c.start.gain);
+    return held(c, e, strength * texture + c.start.noise * c.residual_scale * noise);
 }
 
 std::vector<int64_t> noise_sizes(const Model& model, const Example& e) {

@@ -23,8 +23,9 @@ enum class Kind { pixel_unet, pixel_dit, latent_dit, autoencoder, pixel_rays };
 /// texture (its deviation from the rays' colors, less that deviation's mean nearby) takes the place of a part of it:
 /// detail x (coupling x the truth's + sqrt(1 - coupling^2) x the surface's), as strong as either where they are alike.
 struct StartConfig {
-    double noise = 0.02;    ///< standard deviation, display values
+    double noise = 0.02;  ///< standard deviation, display values
     double coupling = 0;  ///< 0: z1 knows nothing of the truth; below 1
+    double gain = 1;      ///< in filling the texture is so many times as strong: a mean's steps take away some of it
 };
 
 struct ModelConfig {

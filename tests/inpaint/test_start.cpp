@@ -32,7 +32,7 @@ Views views(int64_t height = 24, int64_t width = 40) {
 ModelConfig config_of(double detail, double noise, double coupling) {
     ModelConfig c = parse_model_config(R"({"kind":"pixel_unet","flow":true,"start":{},"unet":{"widths":[8,12]},"rays":{"dim":16}})", "test");
     c.rays.detail = detail;
-    c.start = {noise, coupling};
+    c.start = {noise, coupling, 1};
     return c;
 }
 
@@ -128,13 +128,17 @@ TEST_CASE("start: texture, the truth's part of it and noise have the strengths t
     const auto inner = [](const Tensor& t) { return t.narrow(3, 8, 48).narrow(4, 8, 48); };
     CHECK(worst(inner(start(1.1, 0, 0.6, true)), inner(expected)) < 1.1 * 0.6 * 0.1 / 17 + 1e-6);
     CHECK(start(0, 0.03, 0, false).std().item<double>() == Approx(0.03).epsilon(0.03));
-    // The loss of a perfect network is 0 only where velocity and start agree: here that of one that gives z0 = 0.
+    // A gain counts in filling alone.
     ModelConfig c = config_of(1.1, 0, 0.6);
+    c.start.gain = 2;
+    const Example filled = prepare(initial_model(c, 1), v);
+    CHECK(worst(beginning(c, filled, at::zeros_like(filled.z0)) / c.residual_scale, at::full_like(v.fill, 2 * 1.1 * 0.05)) < 1e-6);
+    // The loss is that of v = z1 - z0 with this z1: here of a network whose v is 0.
     const Model m = initial_model(c, 1);
     const Example e = prepare(m, v);
     const Tensor z1 = beginning(c, e, at::zeros_like(e.z0), e.z0);
     CHECK(loss_of(m, m.weights, e, at::zeros_like(e.z0), at::full({1}, 0.5)).item<double>() ==
-          Approx((z1 - e.z0).pow(2).mean().item<double>()).epsilon(1e-5));  // v is 0, should be z1 - z0
+          Approx((z1 - e.z0).pow(2).mean().item<double>()).epsilon(1e-5));
 }
 
 TEST_CASE("start: its file holds the rays, and what does not fit is refused", "[start][model]") {
@@ -168,6 +172,6 @@ TEST_CASE("start: its file holds the rays, and what does not fit is refused", "[
     for (const char* text : {R"({"start":{}})", R"({"kind":"pixel_rays","start":{}})", R"({"kind":"latent_dit","flow":true,"start":{}})",
                              R"({"flow":true,"neighbors":true,"start":{}})", R"({"flow":true,"start":{"noise":-1}})",
                              R"({"flow":true,"start":{"coupling":1}})", R"({"flow":true,"start":{"coupling":"x"}})",
-                             R"({"flow":true,"start":{"size":1}})", R"({"flow":true,"start":7})", R"({"flow":true,"start":null})"})
+                             R"({"flow":true,"start":{"gain":4}})", R"({"flow":true,"start":{"size":1}})", R"({"flow":true,"start":7})", R"({"flow":true,"start":null})"})
         CHECK(told([&] { parse_model_config(text, "m"); }).find("m: config: start") == 0);
 }
