@@ -102,8 +102,9 @@ ordered_json model_config(const Options& o) {
         model["dit"] = {{"dim", 160}, {"ffn_dim", 480}, {"layers", 5}, {"heads", 4}, {"freq_dim", 64}, {"text_dim", 0},
                         {"patch", {1, 2, 2}}, {"reach", 9}};
     if (!o.start.empty()) {
-        model["start"] = {{"noise", 0.02}, {"coupling", 0.7}};
+        model["start"] = {{"noise", 0.02}, {"coupling", 0.7}, {"gain", 1.45}};
         model["rays"] = {{"detail", 1.1}};
+        model["early_time"] = 0.5;
     }
     return with_given(std::move(model), o);
 }

@@ -175,3 +175,23 @@ TEST_CASE("start: its file holds the rays, and what does not fit is refused", "[
                              R"({"flow":true,"start":{"gain":4}})", R"({"flow":true,"start":{"size":1}})", R"({"flow":true,"start":7})", R"({"flow":true,"start":null})"})
         CHECK(told([&] { parse_model_config(text, "m"); }).find("m: config: start") == 0);
 }
+
+TEST_CASE("flow: from a start that tells nothing of the data, Euler keeps cos(pi/2N)^2N of a normal one's variance at most", "[flow]") {
+    // A perfect network: of two independent standard normals, E[z0 | z] = (1 - t) z / ((1 - t)^2 + t^2).
+    const auto kept = [](const std::vector<double>& times) {
+        return euler(at::ones({1}), times, [](const Tensor& z, double t, int) {
+                   return (z - z * (1 - t) / ((1 - t) * (1 - t) + t * t)) / t;
+               }).pow(2).item<double>();
+    };
+    const double quarter_turn = std::acos(0.0);
+    for (const int steps : {1, 2, 4, 8}) {
+        std::vector<double> best;  // equal angles between z0's and z1's share
+        for (int i = steps; i >= 0; --i) {
+            const double angle = quarter_turn * i / steps;
+            best.push_back(std::sin(angle) / (std::sin(angle) + std::cos(angle)));
+        }
+        const double bound = std::pow(std::cos(quarter_turn / steps), 2 * steps);
+        CHECK(kept(best) == Approx(bound).margin(1e-5));
+        for (const double shift : {0.5, 1.0, 3.0}) CHECK(kept(flow_times(steps, shift)) < bound + 1e-5);
+    }
+}
