@@ -40,7 +40,7 @@ void require(bool given, const char* what);
 /// The options of c_api.h; `model` is JSON.
 struct TrainRequest {
     TrainOptions train;
-    std::string model = "{}", model_file, curve_file, license, record, autoencoder_file, regression_file;
+    std::string model = "{}", model_file, curve_file, license, record, autoencoder_file, regression_file, start_file;
 };
 TrainRequest parse_train_request(const char* options_json);
 

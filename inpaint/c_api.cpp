@@ -39,6 +39,7 @@ Views views_of(const vshift_inpaint_views& v, bool training) {
             copied(v.neighbor, 1, v, "views: neighbor"), copied(v.inverse_depth, 1, v, "views: inverse_depth"),
             training ? copied(v.target, 3, v, "views: target") : Tensor(),
             training && v.weight ? copied(v.weight, 1, v, "views: weight") : Tensor(),
+            training && v.texture ? copied(v.texture, 3, v, "views: texture") : Tensor(),
             training && v.seen ? copied(v.seen, seen_numbers, v, "views: seen") : Tensor()};
 }
 
@@ -91,6 +92,7 @@ TrainRequest parse_train_request(const char* text) {
         else if (key == "curve_file") r.curve_file = word();
         else if (key == "autoencoder_file") r.autoencoder_file = word();
         else if (key == "regression_file") r.regression_file = word();
+        else if (key == "start_file") r.start_file = word();
         else if (key == "license") r.license = word();
         else if (key == "record") r.record = value.dump();
         else refuse("a known option");
@@ -151,10 +153,11 @@ int vshift_inpaint_train(const char* options_json, vshift_inpaint_sample sample,
         require(options_json && sample, "train");
         const TrainRequest r = parse_train_request(options_json);
         const ModelConfig config = parse_model_config(r.model, "train: model");
-        Model model = r.autoencoder_file.empty() ? initial_model(config, r.train.seed)
-                                                 : initial_model(config, r.train.seed, r.autoencoder_file);
+        Model model = !r.autoencoder_file.empty() ? initial_model(config, r.train.seed, r.autoencoder_file)
+                      : !r.start_file.empty()     ? initial_model_with_start(config, r.train.seed, r.start_file)
+                                                  : initial_model(config, r.train.seed);
         if (!r.regression_file.empty()) begin_with_regression(model, r.regression_file);
-        const uint64_t frozen = hash_of(model.vae.weights);
+        const uint64_t frozen = hash_of(model.vae.weights) ^ hash_of(model.rays);
         bool stopped = false;
         TrainHooks hooks;
         hooks.views = [&](uint64_t number) {
@@ -170,8 +173,8 @@ int vshift_inpaint_train(const char* options_json, vshift_inpaint_sample sample,
         const TrainState state = train(model, r.train, hooks);
         if (!r.curve_file.empty()) write_whole_file(r.curve_file, curve_csv(state));
         if (stopped) throw interrupted_error();
-        if (hash_of(model.vae.weights) != frozen)
-            throw Error(ExitCode::our_bug, "train: autoencoder: got other weights, expected them frozen");
+        if ((hash_of(model.vae.weights) ^ hash_of(model.rays)) != frozen)
+            throw Error(ExitCode::our_bug, "train: autoencoder or rays: got other weights, expected them frozen");
         nlohmann::ordered_json record;
         if (model.config.kind == Kind::autoencoder) {
             std::vector<Views> checks;
@@ -181,7 +184,7 @@ int vshift_inpaint_train(const char* options_json, vshift_inpaint_sample sample,
             model.config.vae.std = back.std;
             record["reconstruction_db"] = back.psnr_db;
         }
-        model.metadata = training_metadata(r, state, record);
+        model.metadata.merge(training_metadata(r, state, record));
         if (!r.model_file.empty()) save_model(r.model_file, model, state.average);
     });
 }
@@ -208,6 +211,17 @@ int32_t vshift_inpaint_model_piece(const vshift_inpaint_model* model) {
 
 const char* vshift_inpaint_model_config(const vshift_inpaint_model* model) {
     return model ? model->config.c_str() : "";
+}
+
+int vshift_inpaint_texture(const vshift_inpaint_model* model, const vshift_inpaint_views* views, float* color, float* texture) {
+    return guarded([&] {
+        require(model && views && color && texture, "texture");
+        if (model->model.config.kind != Kind::pixel_rays)
+            throw Error(ExitCode::bad_input, "start: config: got " + model->config.substr(0, 40) + "..., expected a pixel_rays");
+        const Views made = started(model->model, views_of(*views, false));
+        std::memcpy(color, made.fill.contiguous().data_ptr(), size_t(made.fill.numel()) * sizeof(float));
+        std::memcpy(texture, made.texture.contiguous().data_ptr(), size_t(made.texture.numel()) * sizeof(float));
+    });
 }
 
 int vshift_inpaint_stream_open(const vshift_inpaint_model* model, int32_t steps, uint64_t seed,

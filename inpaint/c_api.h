@@ -36,13 +36,14 @@ typedef struct {
     const float* inverse_depth; /* 1: 1/m, 0 in holes and sky */
     const float* target;        /* 3: training only, else NULL */
     const float* weight;        /* 1: how much an error counts in training; NULL: hole or neighbor */
+    const float* texture;       /* 3: training of a flow with a start, whose rays' colors are then the fill; else NULL */
     const float* seen;          /* 213: training of kind pixel_rays, what the rays of every pixel meet (rays.h); else NULL */
 } vshift_inpaint_views;
 
 /* Training. `sample` gives what it always gives for that number; its memory must last until its next call. All samples
  * are of one size. `progress` comes after every step; what it returns other than 0 stops (130), with a checkpoint.
  * `options_json`: {"model": {...}, "steps", "batch", "accumulate", "learning_rate", "weight_decay", "ema", "seed",
- * "checkpoint_every", "checkpoint_file", "model_file", "curve_file", "license", "autoencoder_file", "regression_file",
+ * "checkpoint_every", "checkpoint_file", "model_file", "curve_file", "license", "autoencoder_file", "regression_file", "start_file",
  * "record": {...}}.
  * Samples from VSHIFT_INPAINT_CHECKS on are of views that are not trained on: an autoencoder is measured on them. */
 #define VSHIFT_INPAINT_CHECKS (UINT64_C(1) << 40)
@@ -56,6 +57,9 @@ typedef struct vshift_inpaint_model vshift_inpaint_model;
 typedef struct vshift_inpaint_stream vshift_inpaint_stream;
 VSHIFT_INPAINT_API int vshift_inpaint_model_open(const char* file, vshift_inpaint_model** out);
 VSHIFT_INPAINT_API void vshift_inpaint_model_free(vshift_inpaint_model* model);
+/* Of a pixel_rays: the holes' colors and the texture beside them, 3 planes each (ray_mixer.h). */
+VSHIFT_INPAINT_API int vshift_inpaint_texture(const vshift_inpaint_model* model, const vshift_inpaint_views* views, float* color,
+                                              float* texture);
 /* A stream's first piece is one frame; the frames of later ones are a multiple of this: 1, or as many as a latent holds. */
 VSHIFT_INPAINT_API int32_t vshift_inpaint_model_piece(const vshift_inpaint_model* model);
 /* Lives as long as the model. */

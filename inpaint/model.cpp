@@ -15,6 +15,7 @@ constexpr std::array<const char*, 5> kind_names{"pixel_unet", "pixel_dit", "late
 constexpr double spread_weight = 1e-4;  // of the latents' distance from the normal distribution, beside the squared error
 constexpr double least_time = 1e-3;  // of models that give z0
 constexpr double near_m = 8;  // 1/z is seen in eighths of a metre
+constexpr int64_t texture_reach_px = 8;  // the truth's texture is what deviates from the mean so far around: 17, as rays see
 
 bool in_pixels(const ModelConfig& c) {
     return c.kind != Kind::latent_dit && c.kind != Kind::autoencoder;
@@ -40,6 +41,18 @@ const char* trained_prefix(const ModelConfig& c) {
 
 [[noreturn]] void refuse(const std::string& where, const std::string& got, const std::string& expected) {
     throw Error(ExitCode::bad_input, where + ": got " + got + ", expected " + expected);
+}
+
+StartConfig parse_start(const nlohmann::json& json, const std::string& where) {
+    StartConfig s;
+    if (!json.is_object()) refuse(where, json.dump().substr(0, 40), "an object");
+    for (const auto& [key, value] : json.items()) {
+        double* to = key == "noise" ? &s.noise : key == "coupling" ? &s.coupling : key == "gain" ? &s.gain : nullptr;
+        if (!to || !value.is_number() || !(value.get<double>() >= 0 && value.get<double>() < (key == "gain" ? 4 : 1)))
+            refuse(where + ": " + key, value.dump().substr(0, 40), "noise or coupling, from 0 to below 1, or gain, to below 4");
+        *to = value.get<double>();
+    }
+    return s;
 }
 
 double cpu_s() {
@@ -100,13 +113,18 @@ ModelConfig parse_model_config(const std::string& text, const std::string& file)
         else if (key == "gives_data") c.gives_data = truth();
         else if (key == "residual_scale") c.residual_scale = number(0.01, 100);
         else if (key == "unet") c.unet = parse_unet_config(value, field);
-        else if (key == "rays") c.rays = parse_ray_mixer_config(value, field);
+        else if (key == "start") {
+            c.has_start = true;
+            c.start = parse_start(value, field);
+        } else if (key == "rays") c.rays = parse_ray_mixer_config(value, field);
         else if (key == "dit") c.dit = parse_dit_config(value, field);
         else if (key == "vae") c.vae = parse_vae_config(value, field);
         else refuse(field, "an unknown field", "none");
     }
     if (c.kind == Kind::pixel_rays && (c.flow || !c.masks || !c.depth))
         refuse(where + ": kind", "pixel_rays with flow or without masks or depth", "regression from all of them");
+    if (c.has_start && (!c.flow || c.neighbors || (c.kind != Kind::pixel_unet && c.kind != Kind::pixel_dit)))
+        refuse(where + ": start", "one for latents, regression or neighbours", "one for a flow of pixel_unet or pixel_dit");
     set_channels(c);
     return c;
 }
@@ -129,6 +147,10 @@ std::string json_of(const ModelConfig& c) {
     else if (c.kind != Kind::autoencoder)
         j["dit"] = json_of(c.dit);
     if (!in_pixels(c)) j["vae"] = json_of(c.vae);
+    if (c.has_start) {
+        j["start"] = {{"noise", c.start.noise}, {"coupling", c.start.coupling}, {"gain", c.start.gain}};
+        j["rays"] = json_of(c.rays);
+    }
     return j.dump();
 }
 
@@ -151,6 +173,18 @@ Model initial_model(const ModelConfig& config, uint64_t seed) {
             m.weights = initial_dit(m.config.dit, seed);
     }
     if (config.kind == Kind::latent_dit) m.vae.weights = initial_vae(config.vae, seed + 1);
+    if (config.has_start) m.rays = initial_weights(ray_mixer_layout(config.rays), seed + 1, ray_mixer_begins_at_zero);
+    return m;
+}
+
+Model initial_model_with_start(const ModelConfig& config, uint64_t seed, const std::filesystem::path& file) {
+    const Model rays = load_model(file);
+    if (!config.has_start || rays.config.kind != Kind::pixel_rays || ray_mixer_layout(config.rays) != ray_mixer_layout(rays.config.rays))
+        refuse(file.string() + ": config", json_of(rays.config), "a pixel_rays of the size of the rays in " + json_of(config));
+    Model m = initial_model(config, seed);
+    m.rays = rays.weights;
+    const auto record = rays.metadata.find("training");
+    if (record != rays.metadata.end()) m.metadata["start_training"] = record->second;
     return m;
 }
 
@@ -186,16 +220,19 @@ Model load_model(const std::filesystem::path& path) {
     m.metadata = files.metadata();
     Groups groups{{trained_prefix(m.config), network_layout(m.config)}};
     if (m.config.kind == Kind::latent_dit) groups["vae."] = vae_layout(m.config.vae);
+    if (m.config.has_start) groups["start."] = ray_mixer_layout(m.config.rays);
     auto weights = trained_weights(files, groups);
     m.weights = std::move(weights.at(trained_prefix(m.config)));
     if (!in_pixels(m.config)) m.vae.config = m.config.vae;
     if (m.config.kind == Kind::latent_dit) m.vae.weights = std::move(weights.at("vae."));
+    if (m.config.has_start) m.rays = std::move(weights.at("start."));
     return m;
 }
 
 void save_model(const std::filesystem::path& file, const Model& model, const Weights& weights) {
     std::map<std::string, const Weights*> groups{{trained_prefix(model.config), &weights}};
     if (model.config.kind == Kind::latent_dit) groups["vae."] = &model.vae.weights;
+    if (model.config.has_start) groups["start."] = &model.rays;
     write_trained(file, groups, model.metadata, json_of(model.config));
 }
 
@@ -214,7 +251,7 @@ Views padded(const ModelConfig& config, const Views& views) {
     Views v = views;
     for (Tensor* x : {&v.fill, &v.target, &v.inverse_depth})
         if (x->defined()) *x = at::replication_pad3d(*x, {0, right, 0, down, 0, 0});
-    for (Tensor* x : {&v.hole, &v.neighbor, &v.weight})
+    for (Tensor* x : {&v.hole, &v.neighbor, &v.weight, &v.texture})
         if (x->defined()) *x = at::constant_pad_nd(*x, {0, right, 0, down});
     return v;
 }
@@ -239,6 +276,10 @@ Example prepare(const Model& model, const Views& v, VaeState* target_state, VaeS
     }
     if (in_pixels(c)) {
         if (v.target.defined()) e.z0 = (v.target - v.fill) * c.residual_scale * e.may_change;
+        if (c.has_start) {
+            if (!v.texture.defined()) refuse("views: texture", "none", "that of the model's start");
+            e.texture = v.texture * c.residual_scale * e.may_change;
+        }
         seen.push_back(v.fill * 2 - 1);
     } else {
         at::NoGradGuard frozen;
@@ -285,6 +326,13 @@ Tensor held(const ModelConfig& c, const Example& e, const Tensor& z) {
     return at::where(e.may_change > 0, z, e.condition.narrow(1, 0, c.vae.z_dim));
 }
 
+/// What deviates from its mean nearby, over what may change: [B, 3, F, H, W].
+Tensor texture_of(const Tensor& z0, const Tensor& may_change) {
+    const int64_t r = texture_reach_px;
+    const auto around = [&](const Tensor& x) { return at::avg_pool3d(x, {1, 2 * r + 1, 2 * r + 1}, {1, 1, 1}, {0, r, r}); };
+    return (z0 - around(z0 * may_change) / around(may_change).clamp_min(1e-6)) * may_change;
+}
+
 /// Squared error of what comes back from latents moved by their own spread, and how far they are from normal ones.
 Tensor autoencoder_loss(const ModelConfig& c, const Weights& weights, const Example& e, const Tensor& noise) {
     VaeState encoding, decoding;
@@ -296,6 +344,15 @@ Tensor autoencoder_loss(const ModelConfig& c, const Weights& weights, const Exam
 }
 
 }  // namespace
+
+Tensor beginning(const ModelConfig& c, const Example& e, const Tensor& noise, const Tensor& z0) {
+    if (!c.has_start) return held(c, e, noise);
+    Tensor texture = e.texture;
+    if (z0.defined() && c.start.coupling > 0)
+        texture = c.start.coupling * texture_of(z0, e.may_change) + std::sqrt(1 - c.start.coupling * c.start.coupling) * texture;
+    const double strength = c.rays.detail * (z0.defined() ? 1 : c.start.gain);
+    return held(c, e, strength * texture + c.start.noise * c.residual_scale * noise);
+}
 
 std::vector<int64_t> noise_sizes(const Model& model, const Example& e) {
     std::vector<int64_t> sizes = e.z0.sizes().vec();
@@ -332,9 +389,7 @@ Tensor loss_of(const Model& model, const Weights& weights, const Example& e, con
     const ModelConfig& c = model.config;
     if (c.kind == Kind::autoencoder) return autoencoder_loss(c, weights, e, noise);
     const Tensor t = c.flow ? time : at::ones({e.z0.size(0)}, e.z0.options());
-    Tensor z1 = c.flow ? noise : at::zeros_like(e.z0);
-    const Tensor z0 = held(c, e, e.z0);
-    z1 = held(c, e, z1);
+    const Tensor z0 = held(c, e, e.z0), z1 = c.flow ? beginning(c, e, noise, z0) : held(c, e, at::zeros_like(e.z0));
     DitOptions options;
     options.window = c.window;
     const Tensor z = flow_point(z0, z1, t.view({-1, 1, 1, 1, 1}));
@@ -353,28 +408,42 @@ int64_t piece_frames(const ModelConfig& config) {
     return in_pixels(config) ? 1 : vae_frames(config.vae);
 }
 
-/// Kind pixel_rays, on the CPU, frame by frame.
-Tensor inpaint_by_rays(const Model& model, const Views& v) {
+/// On the CPU, frame by frame: `work(planes, color, texture)`, the color's holes filled as they are and no texture.
+template <class Work>
+std::pair<Tensor, Tensor> by_rays(const Views& v, const Work& work) {
     const int64_t B = v.fill.size(0), F = v.fill.size(2), H = v.fill.size(3), W = v.fill.size(4);
     // Planes of a frame beside each other.
     const auto frames = [](const Tensor& t) { return t.cpu().transpose(1, 2).contiguous(); };
-    const Tensor fill = frames(v.fill), hole = frames(v.hole), near = frames(v.inverse_depth), made = fill.clone();
+    const Tensor fill = frames(v.fill), hole = frames(v.hole), near = frames(v.inverse_depth), made = fill.clone(),
+                 texture = at::zeros_like(made);
     for (int64_t b = 0; b < B; ++b)
         for (int64_t f = 0; f < F; ++f) {
             const auto plane = [&](const Tensor& t) { return t[b][f].data_ptr<float>(); };
-            ray_mixer_fill(model.config.rays, model.weights, {int(W), int(H), plane(fill), plane(hole), plane(near)}, plane(made));
+            work(RayPlanes{int(W), int(H), plane(fill), plane(hole), plane(near)}, plane(made), plane(texture));
         }
-    return made.transpose(1, 2).to(v.fill.device());
+    return {made.transpose(1, 2).to(v.fill.device()), texture.transpose(1, 2).to(v.fill.device())};
+}
+
+Views started(const Model& model, const Views& v) {
+    const Weights& weights = model.config.has_start ? model.rays : model.weights;
+    Views out = v;
+    std::tie(out.fill, out.texture) = by_rays(v, [&](const RayPlanes& planes, float* color, float* texture) {
+        ray_mixer_texture(model.config.rays, weights, planes, color, texture);
+    });
+    return out;
 }
 
 Tensor inpaint(const Model& model, const Views& input, int steps, uint64_t seed, Stream& stream) {
     at::NoGradGuard no_grad;
-    if (model.config.kind == Kind::pixel_rays) return inpaint_by_rays(model, input);
+    if (model.config.kind == Kind::pixel_rays)
+        return by_rays(input, [&](const RayPlanes& planes, float* color, float*) {
+                   ray_mixer_fill(model.config.rays, model.weights, planes, color);
+               }).first;
     const ModelConfig& c = model.config;
     const int64_t H = input.fill.size(3), W = input.fill.size(4);
-    Views v = padded(c, input);
-    v.target = Tensor();
     double since = cpu_s();
+    Views v = padded(c, c.has_start ? started(model, input) : input);
+    v.target = Tensor();
     const auto spent = [&](double& on) { on += cpu_s() - since, since = cpu_s(); };
     const Example e = prepare(model, v, nullptr, &stream.condition);
     spent(stream.cpu_s.encode);
@@ -388,8 +457,7 @@ Tensor inpaint(const Model& model, const Views& input, int steps, uint64_t seed,
         const at::DimVector size{s[0], in_pixels(c) ? 3 : c.vae.z_dim, 1, s[3], s[4]};
         parts.push_back(c.flow ? noise(size, seed, uint64_t(stream.frames + f)) : at::zeros(size));
     }
-    Tensor z1 = at::cat(parts, 2).to(e.condition.device());
-    z1 = held(c, e, z1);
+    const Tensor z1 = beginning(c, e, at::cat(parts, 2).to(e.condition.device()));
     const Tensor open = (e.may_change > 0).to(z1.scalar_type());
     const Tensor z0 = euler(z1, times, [&](const Tensor& z, double t, int step) {
         DitOptions options;

@@ -6,7 +6,8 @@
 // condition's (and the masks as shares of a latent's area), as the paper says. Either comes as one step (regression:
 // the velocity at t = 1 from z1 = 0) or as flow matching. What may not change is neither noise nor moved: known latents
 // stay the condition's, known pixels come back bit for bit. An autoencoder is trained first and alone; it fills nothing.
-// pixel_rays is regression pixel by pixel (ray_mixer.h), and changes holes alone.
+// pixel_rays is regression pixel by pixel (ray_mixer.h), and changes holes alone. With a `start`, a flow in pixels has such
+// a model inside: what that gives takes the fill's place, and z1 is its texture and noise, not noise alone.
 #pragma once
 #include "inpaint/dit.h"
 #include "inpaint/flow.h"
@@ -17,6 +18,15 @@
 namespace vshift::inpaint {
 
 enum class Kind { pixel_unet, pixel_dit, latent_dit, autoencoder, pixel_rays };
+
+/// Where a flow begins that has a pixel_rays inside: z1 = rays.detail x texture + noise. In training the truth's own
+/// texture (its deviation from the rays' colors, less that deviation's mean nearby) takes the place of a part of it:
+/// detail x (coupling x the truth's + sqrt(1 - coupling^2) x the surface's), as strong as either where they are alike.
+struct StartConfig {
+    double noise = 0.02;  ///< standard deviation, display values
+    double coupling = 0;  ///< 0: z1 knows nothing of the truth; below 1
+    double gain = 1;      ///< in filling the texture is so many times as strong: a mean's steps take away some of it
+};
 
 struct ModelConfig {
     Kind kind = Kind::pixel_unet;
@@ -31,7 +41,9 @@ struct ModelConfig {
     double early_time = 0.25;  ///< of such a network, in training: v's error below this t counts as that at it
     double residual_scale = 4;
     UnetConfig unet;
-    RayMixerConfig rays;
+    bool has_start = false;  ///< of flows in pixels
+    StartConfig start;
+    RayMixerConfig rays;  ///< of pixel_rays and of a start
     DitConfig dit;
     VaeConfig vae;
 };
@@ -42,6 +54,7 @@ std::string json_of(const ModelConfig& config);
 struct Model {
     ModelConfig config;
     Weights weights;                              ///< what training changes
+    Weights rays;                                 ///< of a start: frozen
     Vae vae;                                      ///< latent kinds: frozen; of an autoencoder only the config
     std::map<std::string, std::string> metadata;  ///< license, training record
 };
@@ -49,6 +62,8 @@ struct Model {
 Model initial_model(const ModelConfig& config, uint64_t seed);
 /// A latent model with the autoencoder of `file`.
 Model initial_model(const ModelConfig& config, uint64_t seed, const std::filesystem::path& file);
+/// A flow with a start: the pixel_rays of `file`.
+Model initial_model_with_start(const ModelConfig& config, uint64_t seed, const std::filesystem::path& file);
 /// Gives a pixel_unet the weights of a regression of the same network: at t = 1 it then predicts what that does, and of
 /// the noise it knows nothing yet.
 void begin_with_regression(Model& model, const std::filesystem::path& file);
@@ -58,12 +73,13 @@ void save_model(const std::filesystem::path& file, const Model& model, const Wei
 
 /// What a model works on, display values (sRGB) in 0..1 and shares in 0..1: [B, C, F, H, W].
 struct Views {
-    Tensor fill;           ///< 3: the condition with its holes filled classically
+    Tensor fill;           ///< 3: the condition with its holes filled classically; by rays, once started() has seen it
     Tensor hole;           ///< 1: nobody saw it
     Tensor neighbor;       ///< 1: pasted from a neighbour
     Tensor inverse_depth;  ///< 1, in 1/m; 0 in holes and sky
     Tensor target;         ///< 3: training only
     Tensor weight;         ///< 1: how much an error counts in training; undefined: hole or neighbor
+    Tensor texture;        ///< 3: of models with a start, what started() gives; else undefined
     Tensor seen;           ///< training of pixel_rays, whose pixels are drawn from many views: ray_mixer_forward's input
 };
 
@@ -73,23 +89,30 @@ int64_t model_side(const ModelConfig& config);
 /// Grown at the right and lower borders to what the model takes; what is added is known and repeats the border.
 Views padded(const ModelConfig& config, const Views& views);
 
+/// Of a pixel_rays, or a model with a start: its colors in place of the fill, and their texture beside them.
+Views started(const Model& model, const Views& views);
+
 /// The network's space: what it is asked for, what it sees, and where it counts.
 struct Example {
     Tensor z0;         ///< [B, Z, F, h, w]; undefined without a target
     Tensor condition;  ///< [B, C, F, h, w]
+    Tensor texture;     ///< of models with a start: as z0, before it is weighed; else undefined
     Tensor may_change;  ///< [B, 1, F, h, w]: share
     Tensor weight;      ///< the same size: how much an error counts
 };
 Example prepare(const Model& model, const Views& views, VaeState* target_state = nullptr,
                 VaeState* condition_state = nullptr);
 
+/// Where a flow begins, of standard normal `noise`; `z0` in training alone, for a coupling.
+Tensor beginning(const ModelConfig& config, const Example& example, const Tensor& noise, const Tensor& z0 = {});
+
 /// v at t (0..1, [B]) of the noisy `z`.
 Tensor velocity(const Model& model, const Weights& weights, const Tensor& z, const Tensor& t, const Tensor& condition,
                 const DitOptions& options = {});
 
-/// The mean over samples of the weighted squared error of v; `z1` noise, `t` in 0..1 ([B]). Regression ignores both.
+/// The mean over samples of the weighted squared error of v; `noise` standard normal, `t` in 0..1 ([B]). Regression ignores both.
 /// Where the network gives z0, v's error would grow without bound towards t = 0: hence `early_time`.
-Tensor loss_of(const Model& model, const Weights& weights, const Example& example, const Tensor& z1, const Tensor& t);
+Tensor loss_of(const Model& model, const Weights& weights, const Example& example, const Tensor& noise, const Tensor& t);
 
 /// A stream of frames: what the next piece needs of the past. Memory does not grow.
 struct Stream {

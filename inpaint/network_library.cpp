@@ -29,6 +29,7 @@ NetworkLibrary load() {
     look_up(handle, "vshift_inpaint_model_free", l.model_free);
     look_up(handle, "vshift_inpaint_model_piece", l.model_piece);
     look_up(handle, "vshift_inpaint_model_config", l.model_config);
+    look_up(handle, "vshift_inpaint_texture", l.texture);
     look_up(handle, "vshift_inpaint_stream_open", l.stream_open);
     look_up(handle, "vshift_inpaint_stream_free", l.stream_free);
     look_up(handle, "vshift_inpaint_stream_next", l.stream_next);

@@ -20,6 +20,7 @@ struct NetworkLibrary {
     decltype(&vshift_inpaint_model_free) model_free;
     decltype(&vshift_inpaint_model_piece) model_piece;
     decltype(&vshift_inpaint_model_config) model_config;
+    decltype(&vshift_inpaint_texture) texture;
     decltype(&vshift_inpaint_stream_open) stream_open;
     decltype(&vshift_inpaint_stream_free) stream_free;
     decltype(&vshift_inpaint_stream_next) stream_next;

@@ -118,12 +118,11 @@ Tensor ray_mixer_forward(const RayMixerConfig& c, const Weights& w, const Tensor
                  seen.narrow(1, ray_count * ray_numbers, own_numbers));
 }
 
-void ray_mixer_fill(const RayMixerConfig& c, const Weights& w, const RayPlanes& p, float* color) {
-    const std::vector<uint8_t> deep = deep_in_holes(p);
-    const auto W = size_t(p.width), n = W * size_t(p.height);
-    std::vector<int32_t> chosen, between;
-    for (size_t i = 0; i < n; ++i)
-        if (p.hole[i] > 0) (c.detail == 0 && deep[i] && (i % W + i / W) % 2 ? between : chosen).push_back(int32_t(i));
+namespace {
+
+/// The colors of the pixels `chosen`, and where asked for their texture.
+void mix(const RayMixerConfig& c, const Weights& w, const RayPlanes& p, const std::vector<int32_t>& chosen, float* color, float* texture) {
+    const auto n = size_t(p.width) * size_t(p.height);
     const RayNumbers seen = ray_numbers_of(p, chosen);
     const auto tensor = [](const auto& numbers, at::ScalarType type, size_t from, int64_t rows, int64_t each) {
         return at::from_blob(const_cast<void*>(static_cast<const void*>(numbers.data() + from * size_t(each))), {rows, each}, type);
@@ -150,17 +149,45 @@ void ray_mixer_fill(const RayMixerConfig& c, const Weights& w, const RayPlanes& 
         const auto ray = best.accessor<int64_t, 1>();
         for (int64_t i = 0; i < some; ++i) {
             const size_t number = from + size_t(i), to = size_t(chosen[number]);
+            for (size_t k = 0; k < 3; ++k) color[k * n + to] = made[i][int64_t(k)];
+            if (!texture) continue;
             const auto edge_of = size_t(seen.edge[number * ray_count + size_t(ray[i])]);
             const float* met_there = seen.edges.data() + edge_of * edge_numbers;
-            const bool textured = c.detail > 0 && edge_of > 0;
-            const auto there = textured ? size_t(mirrored_at_edge(p, chosen[number], size_t(ray[i]), met_there)) : 0;
-            for (size_t k = 0; k < 3; ++k) {
-                float value = made[i][int64_t(k)];
-                if (textured) value += float(c.detail) * (p.fill[k * n + there] - (met_there[surface_at + k] + 1) / 2);
-                color[k * n + to] = std::clamp(value, 0.0f, 1.0f);
-            }
+            const auto there = edge_of > 0 ? size_t(mirrored_at_edge(p, chosen[number], size_t(ray[i]), met_there)) : 0;
+            for (size_t k = 0; k < 3; ++k)
+                texture[k * n + to] = edge_of > 0 ? p.fill[k * n + there] - (met_there[surface_at + k] + 1) / 2 : 0;
         }
     });
+}
+
+std::vector<int32_t> holes_of(const RayPlanes& p) {
+    std::vector<int32_t> holes;
+    for (size_t i = 0; i < size_t(p.width) * size_t(p.height); ++i)
+        if (p.hole[i] > 0) holes.push_back(int32_t(i));
+    return holes;
+}
+
+}  // namespace
+
+void ray_mixer_texture(const RayMixerConfig& c, const Weights& w, const RayPlanes& p, float* color, float* texture) {
+    mix(c, w, p, holes_of(p), color, texture);
+}
+
+void ray_mixer_fill(const RayMixerConfig& c, const Weights& w, const RayPlanes& p, float* color) {
+    const auto W = size_t(p.width), n = W * size_t(p.height);
+    std::vector<int32_t> chosen, between;
+    std::vector<float> texture;
+    if (c.detail > 0) {
+        chosen = holes_of(p);
+        texture.resize(3 * n);
+    } else {
+        const std::vector<uint8_t> deep = deep_in_holes(p);
+        for (const int32_t i : holes_of(p)) (deep[size_t(i)] && (size_t(i) % W + size_t(i) / W) % 2 ? between : chosen).push_back(i);
+    }
+    mix(c, w, p, chosen, color, c.detail > 0 ? texture.data() : nullptr);
+    for (const int32_t i : chosen)
+        for (size_t at = size_t(i); at < 3 * n; at += n)
+            color[at] = std::clamp(color[at] + (c.detail > 0 ? float(c.detail) * texture[at] : 0), 0.0f, 1.0f);
     for (const int32_t i : between) {
         const size_t at = size_t(i), x = at % W;
         for (size_t k = 0; k < 3; ++k) {

@@ -25,9 +25,13 @@ bool ray_mixer_begins_at_zero(const std::string& name);
 Tensor ray_mixer_forward(const RayMixerConfig& config, const Weights& weights, const Tensor& seen);
 
 /// The same for the holes of a frame: their colors, in 0..1, in place of `color`'s (3 planes). Deep in a hole every other
-/// pixel is the mean of its neighbours. With `detail` none is, and each gets the deviation from its surface's mean color
-/// that the pixel has which lies as far beyond the edge, along the ray with the largest weight: the mean of all that could
-/// be there has no texture, the surface beside it has. Sharper, and further from the truth pixel by pixel.
+/// pixel is the mean of its neighbours. With `detail` none is, and each gets this share of its texture: the mean of all that
+/// could be there has none, the surface beside it has. Sharper, and further from the truth pixel by pixel.
 void ray_mixer_fill(const RayMixerConfig& config, const Weights& weights, const RayPlanes& planes, float* color);
+
+/// Both apart, whatever `detail` is, in place of holes' `color` and `texture` (3 planes each). Texture is the deviation from
+/// its surface's mean color that the pixel has which lies as far beyond the edge, along the ray with the largest weight.
+/// Colors are as ray_mixer_forward gives them.
+void ray_mixer_texture(const RayMixerConfig& config, const Weights& weights, const RayPlanes& planes, float* color, float* texture);
 
 }  // namespace vshift::inpaint

@@ -10,7 +10,6 @@
 #include "embree_core/fill.h"
 #include "embree_core/srgb.h"
 #include "embree_core/sweep.h"
-#include "scenes/analytic/street_mesh.h"
 
 namespace vshift::inpaint {
 namespace {
@@ -25,7 +24,7 @@ PairPlanes part_of(const PairPlanes& p, int x0, int y0, int width, int height, b
     out.width = width;
     out.height = height;
     for (auto plane : {&PairPlanes::target, &PairPlanes::fill, &PairPlanes::hole, &PairPlanes::neighbor,
-                       &PairPlanes::inverse_depth, &PairPlanes::weight}) {
+                       &PairPlanes::inverse_depth, &PairPlanes::weight, &PairPlanes::texture}) {
         const size_t whole = size_t(p.width) * size_t(p.height), channels = (p.*plane).size() / whole;
         (out.*plane).reserve(channels * size_t(width) * size_t(height));
         for (size_t c = 0; c < channels; ++c)
@@ -154,6 +153,7 @@ vshift_inpaint_views PairPlanes::views() const {
     return {1,           height,          width,       fill.data(), hole.data(), neighbor.data(), inverse_depth.data(),
             target.empty() ? nullptr : target.data(),
             weight.empty() ? nullptr : weight.data(),
+            texture.empty() ? nullptr : texture.data(),
             seen.empty() ? nullptr : seen.data()};
 }
 
@@ -229,19 +229,22 @@ PairPlanes training_pair(const RecordedViews& recorded, uint64_t seed, uint64_t 
         if (std::abs(recorded.views[chosen].lane_m + shift.translation_m.y) > most_shift_m) shift.translation_m.y *= -1;
         PairPlanes pair = arm == Arm::extrapolation ? splatted_pair(recorded, chosen, shift)
                                                     : recorded_pair(recorded, chosen, shift, arm);
-        std::vector<size_t> centers;  // what weighs most
-        for (size_t i = 0; i < pair.weight.size(); ++i)
-            if (pair.weight[i] == 1) centers.push_back(i);
-        if (centers.empty()) continue;
-        if (crop_px == 0) return pair;
-        // Around an occluded pixel, not always in the middle.
-        const size_t at = centers[size_t(random.whole(0, int(centers.size()) - 1))];
-        const int width = std::min(crop_px, pair.width), height = std::min(crop_px, pair.height);
-        const int x = int(at % size_t(pair.width)) - random.whole(0, width - 1);
-        const int y = int(at / size_t(pair.width)) - random.whole(0, height - 1);
-        return part_of(pair, std::clamp(x, 0, pair.width - width), std::clamp(y, 0, pair.height - height), width, height,
-                       random.chance(0.5));
+        if (std::find(pair.weight.begin(), pair.weight.end(), 1.0f) == pair.weight.end()) continue;
+        return crop_px == 0 ? pair : cropped_pair(pair, crop_px, random);
     }
+}
+
+PairPlanes cropped_pair(const PairPlanes& pair, int crop_px, analytic::Stream& random) {
+    std::vector<size_t> centers;  // what weighs most
+    for (size_t i = 0; i < pair.weight.size(); ++i)
+        if (pair.weight[i] == 1) centers.push_back(i);
+    // Around an occluded pixel, not always in the middle.
+    const size_t at = centers[size_t(random.whole(0, int(centers.size()) - 1))];
+    const int width = std::min(crop_px, pair.width), height = std::min(crop_px, pair.height);
+    const int x = int(at % size_t(pair.width)) - random.whole(0, width - 1);
+    const int y = int(at / size_t(pair.width)) - random.whole(0, height - 1);
+    return part_of(pair, std::clamp(x, 0, pair.width - width), std::clamp(y, 0, pair.height - height), width, height,
+                   random.chance(0.5));
 }
 
 TrueShiftedView true_shifted_view(const analytic::StreetScene& street, const RecordedViews& recorded, size_t own, int frame,

@@ -10,6 +10,7 @@
 #include "embree_core/warp.h"
 #include "inpaint/c_api.h"
 #include "scenes/analytic/analytic_street.h"
+#include "scenes/analytic/street_mesh.h"
 
 namespace vshift::inpaint {
 
@@ -17,7 +18,8 @@ namespace vshift::inpaint {
 struct PairPlanes {
     int width = 0, height = 0;
     std::vector<float> target, fill, hole, neighbor, inverse_depth, weight;
-    std::vector<float> seen;  ///< of single pixels alone (pixel_pool.h)
+    std::vector<float> texture;  ///< of flows with a start alone (start_pairs.h)
+    std::vector<float> seen;     ///< of single pixels alone (pixel_pool.h)
     vshift_inpaint_views views() const;
 };
 
@@ -60,6 +62,8 @@ RecordedViews record_streets(const std::vector<uint32_t>& seeds, int frames, int
 /// that side that holds an occluded pixel, every other one mirrored; 0: whole views.
 PairPlanes training_pair(const RecordedViews& recorded, uint64_t seed, uint64_t number, int crop_px = 0,
                          Arm arm = Arm::virtual_shift);
+/// Such a square of a whole pair.
+PairPlanes cropped_pair(const PairPlanes& pair, int crop_px, analytic::Stream& random);
 
 /// A true shifted view: what the own camera saw, warped there; its holes by reason; and the truth, rendered.
 struct TrueShiftedView {

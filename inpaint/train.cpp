@@ -70,7 +70,7 @@ Views gathered(const TrainHooks& hooks, uint64_t first, int64_t count) {
         return parts.empty() ? Tensor() : at::cat(parts, 0);
     };
     return {joined(&Views::fill), joined(&Views::hole), joined(&Views::neighbor), joined(&Views::inverse_depth),
-            joined(&Views::target), joined(&Views::weight), joined(&Views::seen)};
+            joined(&Views::target), joined(&Views::weight), joined(&Views::texture), joined(&Views::seen)};
 }
 
 std::pair<double, Weights> gradients(const Weights& weights, const TrainOptions& o, int64_t step, const LossOfPass& loss_of_pass) {
@@ -105,7 +105,8 @@ LossOfPass loss_of_model(const Model& model, const TrainOptions& o, const TrainH
         const uint64_t first = uint64_t(step * o.accumulate * o.batch + pass * o.batch);
         Example e = prepare(model, padded(model.config, gathered(hooks, first, o.batch)));
         const at::Device device = weights.begin()->second.device();
-        for (Tensor* t : {&e.z0, &e.condition, &e.may_change, &e.weight}) *t = t->to(device);
+        for (Tensor* t : {&e.z0, &e.condition, &e.texture, &e.may_change, &e.weight})
+            if (t->defined()) *t = t->to(device);
         const auto one = noise_sizes(model, e);
         const bool noisy = model.config.flow || model.config.kind == Kind::autoencoder;
         std::vector<Tensor> noises, times;

@@ -17,6 +17,7 @@
 #include "inpaint/judge_streets.h"
 #include "inpaint/network_library.h"
 #include "inpaint/pixel_pool.h"
+#include "inpaint/start_pairs.h"
 #include "inpaint/street_pairs.h"
 
 namespace vshift::cli {
@@ -28,7 +29,7 @@ using nlohmann::ordered_json;
 constexpr const char* depth_kind = "depth";
 
 struct Options {
-    std::string output, streets = "1-12", judge, kind = "pixel_unet", config, autoencoder, regression, arm = "virtual_shift";
+    std::string output, streets = "1-12", judge, kind = "pixel_unet", config, autoencoder, regression, start, arm = "virtual_shift";
     std::vector<std::string> judge_also;
     int frames = 2, width = 256, crop = 0, pairs = 1500, steps = 1000, batch = 8, accumulate = 1, threads = 0, checkpoint_every = 100;
     std::vector<int> euler_steps{1};
@@ -100,6 +101,11 @@ ordered_json model_config(const Options& o) {
     if (o.kind == "latent_dit")
         model["dit"] = {{"dim", 160}, {"ffn_dim", 480}, {"layers", 5}, {"heads", 4}, {"freq_dim", 64}, {"text_dim", 0},
                         {"patch", {1, 2, 2}}, {"reach", 9}};
+    if (!o.start.empty()) {
+        model["start"] = {{"noise", 0.02}, {"coupling", 0.7}, {"gain", 1.45}};
+        model["rays"] = {{"detail", 1.1}};
+        model["early_time"] = 0.5;
+    }
     return with_given(std::move(model), o);
 }
 
@@ -179,13 +185,16 @@ void train(const Options& o, const std::vector<uint32_t>& seeds, const std::vect
         });
         picking.finish();
     }
+    std::unique_ptr<inpaint::StartPairs> begun;
+    if (!o.start.empty())
+        begun = std::make_unique<inpaint::StartPairs>(recorded, o.start, uint64_t(o.seed), o.crop, arm_of(o.arm));
     const double drawn_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     const std::string stem = fs::path(o.output).replace_extension().string();
     const ordered_json options = {
         {"model", depth ? depth_config(o) : model_config(o)}, {"steps", o.steps}, {"batch", o.batch}, {"accumulate", o.accumulate},
         {"learning_rate", o.learning_rate}, {"ema", o.ema}, {"seed", o.seed}, {"checkpoint_every", o.checkpoint_every},
         {"checkpoint_file", stem + ".checkpoint.safetensors"}, {"curve_file", stem + ".curve.csv"}, {"model_file", o.output},
-        {"autoencoder_file", o.autoencoder}, {"regression_file", o.regression},
+        {"autoencoder_file", o.autoencoder}, {"regression_file", o.regression}, {"start_file", o.start},
         {"license", "Apache-2.0"},
         {"record", {{"data", depth ? "analytic streets, pictures and their true depth" : "analytic streets, virtual shifts of 0.5 to 4 m of recorded views"},
                     {"arm", depth ? "" : o.arm}, {"begins_with", fs::path(o.regression).filename().string()}, {"streets", o.streets},
@@ -194,6 +203,7 @@ void train(const Options& o, const std::vector<uint32_t>& seeds, const std::vect
     const inpaint::Arm arm = arm_of(o.arm);
     Run run{[&](uint64_t number) {
                 if (pool.size()) return inpaint::pixel_sample(pool, seed, number, pixels_of_a_sample);
+                if (begun) return begun->sample(number);
                 return inpaint::training_pair(number < VSHIFT_INPAINT_CHECKS ? recorded : checks, seed, number, o.crop, arm);
             },
             [&](uint64_t number) { return inpaint::depth_sample(depth_views, seed, number, o.crop); },
@@ -283,6 +293,7 @@ void add_train_verb(CLI::App& app) {
     sub->add_option("--pairs", o->pairs, "that pixel_rays draws its pixels from")->capture_default_str()->check(CLI::Range(1, 1000000));
     sub->add_option("--autoencoder", o->autoencoder, "a trained one, for latent_dit: frozen, and part of the model");
     sub->add_option("--begin-with", o->regression, "a regression by the same pixel_unet: where a flow's training begins");
+    sub->add_option("--start", o->start, "a trained pixel_rays, for a flow in pixels: it begins with what that gives; part of the model");
     sub->add_option("--config", o->config, "JSON file with further fields of the model's config");
     sub->add_flag("--flow", o->flow, "flow matching; else one-step regression");
     sub->add_option("--arm", o->arm, "what pairs are made of: virtual_shift, seam, double_warp, there_and_back or extrapolation")->capture_default_str();

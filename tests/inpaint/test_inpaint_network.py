@@ -12,6 +12,7 @@ import numpy as np
 VSHIFT = os.environ["VSHIFT_BIN"]
 SCENES = str(Path(VSHIFT).with_name("vshift-scenes"))
 HAS_NETWORK = os.environ["VSHIFT_HAS_TORCH"] == "ON"
+MODELS = Path(__file__).resolve().parents[2] / "inpaint/models"
 SHORT_TRAINING = ["--streets", 1, "--frames", 1, "--width", 96, "--crop", 48, "--batch", 2, "--steps", 20, "--learning-rate", "5e-3",
                   "--threads", 1]
 VIEW = ["--camera", "CAM_FRONT", "--shift", "0,2,0"]
@@ -100,6 +101,22 @@ class InpaintNetwork(unittest.TestCase):
         done = self.inpaint(*VIEW, *network, "-o", self.folder / "one.exr")
         of_many = next(p for p in arms["self-network"] if p.stem == "CAM_FRONT")
         self.assertEqual((self.folder / "one.exr").read_bytes(), of_many.read_bytes())
+
+    @unittest.skipUnless(HAS_NETWORK, "built without LibTorch")
+    def test_the_shipped_flow_has_texture_where_the_regression_has_none(self):
+        def network(name, *words):
+            return self.image("shipped.npy", "--method", "network", "--model", MODELS / f"{name}.safetensors", *words)
+
+        def energy(image):  # squared differences to the right, in holes
+            return (np.diff(image[..., :3], axis=1)[hole[:, 1:]] ** 2).sum()
+
+        classical, mean = self.image("classical.npy"), network("rays_regression")
+        hole = mean[..., 3] > 0.5
+        made = [network("pixel_unet_flow", "--euler-steps", steps) for steps in (1, 2)]
+        for image in made:
+            self.assertEqual(image[~hole].tobytes(), classical[~hole].tobytes())
+            self.assertGreater(energy(image), 1.2 * energy(mean))
+        self.assertNotEqual(made[0].tobytes(), made[1].tobytes())
 
     @unittest.skipUnless(HAS_NETWORK, "built without LibTorch")
     def test_refuses_files(self):

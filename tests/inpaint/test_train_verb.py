@@ -97,9 +97,42 @@ class Train(unittest.TestCase):
                 self.assertTrue(r["texture_distance"] > 0 and r["gradient_share"] > 0 and r["cpu_ms"] > 0)
 
     def test_goes_on_after_a_kill(self):
-        straight = self.train("a.safetensors", steps=40, checkpoint_every=7, flow=True)
+        self.goes_on_after_a_kill(steps=40, checkpoint_every=7, flow=True)
+        # Interrupted by a user: a checkpoint, and exit code 130.
+        running = subprocess.Popen([VSHIFT, *self.words("c.safetensors", steps=100000)], stdout=subprocess.DEVNULL,
+                                   stderr=subprocess.PIPE, text=True)
+        for line in running.stderr:
+            if line.startswith("train"):
+                break
+        running.send_signal(signal.SIGINT)
+        running.communicate()
+        self.assertEqual(running.returncode, 130)
+        self.assertTrue((self.folder / "c.checkpoint.safetensors").exists())
+        self.assertFalse((self.folder / "c.safetensors").exists())
+
+    def test_a_flow_begins_with_rays(self):
+        done = self.train("rays.safetensors", kind="pixel_rays", steps=5, pairs=4)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        start = self.folder / "rays.safetensors"
+        self.goes_on_after_a_kill(steps=40, checkpoint_every=7, flow=True, start=start, crop=32)
+        metadata = header(self.folder / "a.safetensors")["__metadata__"]
+        config = json.loads(metadata["config"])
+        self.assertEqual((config["start"]["coupling"] < 1, config["rays"]["detail"]), (True, 1.1))
+        self.assertEqual(json.loads(metadata["start_training"])["steps"], 5)
+        headers = [header(file) for file in (start, self.folder / "a.safetensors")]  # the rays are in it, as they were
+        for name, entry in headers[0].items():
+            if name != "__metadata__":
+                inside = headers[1][name.replace("network.", "start.")]
+                self.assertEqual(self.tensor("rays.safetensors", entry), self.tensor("a.safetensors", inside), name)
+        for options, part in (({"start": start}, "config: start"), ({"flow": True, "start": self.folder / "a.safetensors"}, "a pixel_rays")):
+            done = self.train("r.safetensors", steps=1, **options)
+            self.assertEqual(done.returncode, 3, done.stderr)
+            self.assertIn(part, done.stderr.splitlines()[-1])
+
+    def goes_on_after_a_kill(self, **options):
+        straight = self.train("a.safetensors", **options)
         self.assertEqual(straight.returncode, 0, straight.stderr)
-        words = [VSHIFT, *self.words("b.safetensors", steps=40, checkpoint_every=7, flow=True)]
+        words = [VSHIFT, *self.words("b.safetensors", **options)]
         running = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         checkpoint = self.folder / "b.checkpoint.safetensors"
         end = time.monotonic() + 60
@@ -116,17 +149,6 @@ class Train(unittest.TestCase):
         data = [t[8 + struct.unpack("<Q", t[:8])[0]:] for t in tensors]
         self.assertEqual(data[0], data[1])
         self.assertEqual((self.folder / "a.curve.csv").read_text(), (self.folder / "b.curve.csv").read_text())
-        # Interrupted by a user: a checkpoint, and exit code 130.
-        running = subprocess.Popen([VSHIFT, *self.words("c.safetensors", steps=100000)], stdout=subprocess.DEVNULL,
-                                   stderr=subprocess.PIPE, text=True)
-        for line in running.stderr:
-            if line.startswith("train"):
-                break
-        running.send_signal(signal.SIGINT)
-        running.communicate()
-        self.assertEqual(running.returncode, 130)
-        self.assertTrue((self.folder / "c.checkpoint.safetensors").exists())
-        self.assertFalse((self.folder / "c.safetensors").exists())
 
     def test_latents_and_arms(self):
         tiny = self.folder / "tiny.json"

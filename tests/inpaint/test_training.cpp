@@ -287,7 +287,7 @@ TEST_CASE("streams: any pieces give what one shot gives, and memory stays", "[st
         const Views all = sample(5, frames, 32, 32);
         const auto piece = [&](int64_t at, int64_t n) {
             return Views{all.fill.narrow(2, at, n), all.hole.narrow(2, at, n), all.neighbor.narrow(2, at, n),
-                         all.inverse_depth.narrow(2, at, n), {}, {}, {}};
+                         all.inverse_depth.narrow(2, at, n), {}, {}, {}, {}};
         };
         Stream once;
         const Tensor whole = inpaint::inpaint(m, all, 2, 7, once);
