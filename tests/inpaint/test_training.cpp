@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
+#include <numeric>
 
 #include <torch/csrc/jit/api/module.h>
 
@@ -426,6 +427,95 @@ TEST_CASE("training: a run that stops goes on to the same bytes", "[train]") {
         o.seed = 9;
         CHECK(told([&] { train(m, o, samples()); }).find("checkpoint of another") != std::string::npos);
     }
+}
+
+namespace {
+
+std::vector<double> losses_of(const TrainState& s) {
+    std::vector<double> all;
+    for (const auto& row : s.curve) all.push_back(row[1]);
+    return all;
+}
+double mean_of(const std::vector<double>& all, size_t from, size_t count) {
+    return std::accumulate(all.begin() + std::ptrdiff_t(from), all.begin() + std::ptrdiff_t(from + count), 0.0) / double(count);
+}
+/// Samples of pixel_rays: chance numbers, of which the target is the first ray's color.
+Views ray_sample(uint64_t number) {
+    Views v;
+    v.seen = noise({1, seen_numbers, 1, 1, 64}, 12, number);
+    v.fill = (v.seen.narrow(1, ray_count * ray_numbers, 3) + 1) / 2;
+    v.target = (v.seen.narrow(1, 3, 3) + 1) / 2;
+    v.hole = at::ones({1, 1, 1, 1, 64});
+    v.neighbor = at::zeros_like(v.hole);
+    v.inverse_depth = at::zeros_like(v.hole);
+    return v;
+}
+Views any_sample(Kind kind, uint64_t number) {
+    return kind == Kind::pixel_rays ? ray_sample(number) : kind == Kind::latent_dit ? sample(number, 1, 32, 32) : sample(number, 1, 16, 16);
+}
+constexpr std::pair<Kind, bool> every_arm[] = {{Kind::pixel_unet, false}, {Kind::pixel_unet, true}, {Kind::pixel_dit, false},
+                                               {Kind::pixel_dit, true},   {Kind::latent_dit, true}, {Kind::autoencoder, false},
+                                               {Kind::pixel_rays, false}};
+
+}  // namespace
+
+TEST_CASE("training: bf16 follows float32, with float32 weights, and resumes to the same bytes", "[train]") {
+    const Scratch scratch;
+    for (const auto& [kind, flow] : every_arm) {
+        const Model m = woken(small(kind, flow));
+        TrainOptions o;
+        o.steps = 30;
+        o.batch = 4;
+        o.learning_rate = 5e-3;
+        const TrainHooks hooks{[kind = kind](uint64_t i) { return any_sample(kind, i % 8); }, {}};
+        const std::vector<double> exact = losses_of(train(m, o, hooks));
+        o.bf16 = true;
+        const auto [loss, grads] = gradients(m, m.weights, o, 0, hooks);
+        for (const auto& [name, g] : grads) CHECK(g.scalar_type() == at::kFloat);
+        const TrainState s = train(m, o, hooks);
+        const std::vector<double> rounded = losses_of(s);
+        double apart = 0;
+        for (size_t i = 0; i < exact.size(); ++i) apart = std::max(apart, std::abs(rounded[i] / exact[i] - 1));
+        const double first = mean_of(rounded, 0, 8), last = mean_of(rounded, 22, 8);
+        INFO("kind " << int(kind) << " flow " << flow << ": loss " << first << " to " << last << ", float32 " << mean_of(exact, 22, 8)
+                     << "; at most " << apart << " apart");
+        CHECK(rounded[0] != exact[0]);
+        CHECK(rounded[0] == Approx(exact[0]).epsilon(0.01));
+        CHECK(apart < 0.1);
+        CHECK(last < first);
+        for (const Weights* group : {&s.weights, &s.first, &s.second, &s.average})
+            for (const auto& [name, t] : *group) CHECK(t.scalar_type() == at::kFloat);
+        o.checkpoint_file = scratch.folder / "bf16.safetensors";
+        train(m, o, {hooks.views, [](int64_t step, double) { return step < 11; }});
+        o.bf16 = false;
+        CHECK(told([&] { train(m, o, hooks); }).find("checkpoint of another") != std::string::npos);
+        o.bf16 = true;
+        CHECK(hash_of(train(m, o, hooks).average) == hash_of(s.average));
+        fs::remove(o.checkpoint_file);
+    }
+}
+
+TEST_CASE("training: nothing of a step stays on the CPU when weights are elsewhere", "[train]") {
+    // Tensors of the meta device have no memory: an operation that takes one of the CPU as well, or reads numbers, throws. LibTorch
+    // 1.13 has neither convolutions nor norms for it.
+    for (const auto& [kind, flow] : every_arm)
+        for (const bool bf16 : {false, true}) {
+            if (TORCH_VERSION_MAJOR < 2 && kind != Kind::pixel_rays) continue;
+            CAPTURE(int(kind), flow, bf16);
+            const Model m = initial_model(small(kind, flow), 2);
+            TrainOptions o;
+            o.batch = 2;
+            o.device = at::kMeta;
+            o.bf16 = bf16;
+            const TrainHooks hooks{[kind = kind](uint64_t i) { return any_sample(kind, i); }, {}};
+            Weights there;
+            std::vector<Tensor> leaves;
+            for (const auto& [name, t] : m.weights) leaves.push_back(there[name] = t.to(at::kMeta).requires_grad_(true));
+            const Tensor loss = loss_of_model(m, o, hooks)(there, 0, 0);
+            CHECK(loss.is_meta());
+            CHECK(loss.scalar_type() == at::kFloat);
+            for (const Tensor& g : torch::autograd::grad({loss}, leaves, {}, {}, false, true)) CHECK((!g.defined() || g.is_meta()));
+        }
 }
 
 TEST_CASE("training: the loss falls, for every kind; the autoencoder stays as it was", "[train]") {
