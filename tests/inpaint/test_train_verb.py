@@ -206,6 +206,9 @@ class Train(unittest.TestCase):
                 ({"lanes_m": 5}, 3, "--lanes-m"),
                 ({"steps": 0}, 3, "steps"),
                 ({"stepz": 1}, 3, "--steps"),
+                ({"device": "cuda:0"}, 3, "expected cpu or cuda"),
+                ({"precision": "half"}, 3, "float32 or bf16"),
+                *([] if Path("/dev/nvidiactl").exists() else [({"device": "cuda"}, 3, "device: got cuda, expected cpu")]),
                 ({"config": "/nowhere.json"}, 4, "/nowhere.json")):
             done = self.train("r.safetensors", **{"steps": 1, **options})
             self.assertEqual(done.returncode, code, (options, done.stderr))
