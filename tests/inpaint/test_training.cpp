@@ -464,10 +464,10 @@ TEST_CASE("training: bf16 follows float32, with float32 weights, and resumes to 
     for (const auto& [kind, flow] : every_arm) {
         const Model m = woken(small(kind, flow));
         TrainOptions o;
-        o.steps = 30;
-        o.batch = 4;
-        o.learning_rate = 5e-3;
-        const TrainHooks hooks{[kind = kind](uint64_t i) { return any_sample(kind, i % 8); }, {}};
+        o.steps = 16;
+        o.batch = 2;
+        o.learning_rate = 2e-3;
+        const TrainHooks hooks{[kind = kind](uint64_t i) { return any_sample(kind, i % 4); }, {}};
         const std::vector<double> exact = losses_of(train(m, o, hooks));
         o.bf16 = true;
         const auto [loss, grads] = gradients(m, m.weights, o, 0, hooks);
@@ -476,8 +476,8 @@ TEST_CASE("training: bf16 follows float32, with float32 weights, and resumes to 
         const std::vector<double> rounded = losses_of(s);
         double apart = 0;
         for (size_t i = 0; i < exact.size(); ++i) apart = std::max(apart, std::abs(rounded[i] / exact[i] - 1));
-        const double first = mean_of(rounded, 0, 8), last = mean_of(rounded, 22, 8);
-        INFO("kind " << int(kind) << " flow " << flow << ": loss " << first << " to " << last << ", float32 " << mean_of(exact, 22, 8)
+        const double first = mean_of(rounded, 0, 4), last = mean_of(rounded, 12, 4);
+        INFO("kind " << int(kind) << " flow " << flow << ": loss " << first << " to " << last << ", float32 " << mean_of(exact, 12, 4)
                      << "; at most " << apart << " apart");
         CHECK(rounded[0] != exact[0]);
         CHECK(rounded[0] == Approx(exact[0]).epsilon(0.01));
@@ -486,7 +486,7 @@ TEST_CASE("training: bf16 follows float32, with float32 weights, and resumes to 
         for (const Weights* group : {&s.weights, &s.first, &s.second, &s.average})
             for (const auto& [name, t] : *group) CHECK(t.scalar_type() == at::kFloat);
         o.checkpoint_file = scratch.folder / "bf16.safetensors";
-        train(m, o, {hooks.views, [](int64_t step, double) { return step < 11; }});
+        train(m, o, {hooks.views, [](int64_t step, double) { return step < 6; }});
         o.bf16 = false;
         CHECK(told([&] { train(m, o, hooks); }).find("checkpoint of another") != std::string::npos);
         o.bf16 = true;
