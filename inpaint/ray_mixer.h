@@ -24,8 +24,8 @@ bool ray_mixer_begins_at_zero(const std::string& name);
 /// rays' colors beyond the edge, weighted by softmax, and a small color added.
 Tensor ray_mixer_forward(const RayMixerConfig& config, const Weights& weights, const Tensor& seen);
 
-/// The same for the holes of a frame: their colors, in 0..1, in place of `color`'s (3 planes). From the fifth, ninth and
-/// seventeenth pixel into a hole every second, fourth and eighth one is computed, the others are means of their neighbours. With
+/// The same for the holes of a frame: their colors, in 0..1, in place of `color`'s (3 planes). From the fifth, seventh and
+/// thirteenth pixel into a hole every second, fourth and eighth one is computed, the others are means of their neighbours. With
 /// `detail` none is, and each gets the deviation from its surface's mean color
 /// that the pixel has which lies as far beyond the edge, along the ray with the largest weight: the mean of all that could
 /// be there has no texture, the surface beside it has. Sharper, and further from the truth pixel by pixel.
