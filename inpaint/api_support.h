@@ -42,6 +42,8 @@ struct TrainRequest {
     TrainOptions train;
     std::string model = "{}", model_file, curve_file, license, record, autoencoder_file, regression_file, start_file;
 };
+/// Throws Error bad_input: "cuda" without one, and other names.
+at::Device device_of(const std::string& name);
 TrainRequest parse_train_request(const char* options_json);
 
 /// License and training record for a model's file, with the fields of `more`. No times: the same run gives the same bytes.

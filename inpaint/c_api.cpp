@@ -56,6 +56,14 @@ void require(bool given, const char* what) {
     if (!given) throw Error(ExitCode::our_bug, std::string(what) + ": got NULL, expected one");
 }
 
+at::Device device_of(const std::string& name) {
+    if (name == "cpu") return at::kCPU;
+    if (name != "cuda") throw Error(ExitCode::bad_input, "device: got '" + name + "', expected cpu or cuda");
+    if (!at::hasCUDA())
+        throw Error(ExitCode::bad_input, "device: got cuda, expected cpu: LibTorch " TORCH_VERSION " finds no CUDA here");
+    return at::kCUDA;
+}
+
 TrainRequest parse_train_request(const char* text) {
     const auto json = nlohmann::json::parse(text, nullptr, false);
     TrainRequest r;
@@ -95,6 +103,12 @@ TrainRequest parse_train_request(const char* text) {
         else if (key == "start_file") r.start_file = word();
         else if (key == "license") r.license = word();
         else if (key == "record") r.record = value.dump();
+        else if (key == "device") r.train.device = device_of(word());
+        else if (key == "precision") {
+            const std::string name = word();
+            if (name != "float32" && name != "bf16") refuse("float32 or bf16");
+            r.train.bf16 = name == "bf16";
+        }
         else refuse("a known option");
     }
     return r;
@@ -108,6 +122,8 @@ std::map<std::string, std::string> training_metadata(const TrainRequest& r, cons
     record["seed"] = r.train.seed;
     record["last_loss"] = state.curve.back()[1];
     record["made_with"] = vshift_inpaint_version();
+    if (!r.train.device.is_cpu()) record["device"] = r.train.device.str();
+    if (r.train.bf16) record["precision"] = "bf16";
     if (!more.is_null()) record.update(more);
     std::map<std::string, std::string> metadata{{"training", record.dump()}};
     if (!r.license.empty()) metadata["license"] = r.license;
@@ -129,6 +145,13 @@ int vshift_inpaint_set_threads(int threads) {
     return guarded([&] {
         // Debian's Torch begins with one.
         at::set_num_threads(threads > 0 ? threads : std::max(1, int(std::thread::hardware_concurrency())));
+    });
+}
+
+int vshift_inpaint_has_device(const char* device) {
+    return guarded([&] {
+        require(device, "device");
+        device_of(device);
     });
 }
 

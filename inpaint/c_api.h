@@ -25,6 +25,8 @@ VSHIFT_INPAINT_API const char* vshift_inpaint_version(void);
 VSHIFT_INPAINT_API const char* vshift_inpaint_last_error(void);
 /* Torch's own threads; 0: as many as there are cores. Other numbers of threads round differently. */
 VSHIFT_INPAINT_API int vshift_inpaint_set_threads(int threads);
+/* 0 for "cpu", and for "cuda" where this LibTorch finds one; else 3. */
+VSHIFT_INPAINT_API int vshift_inpaint_has_device(const char* device);
 /* What a linear layer of 512 x 512 reaches here. Debian's plain BLAS gives 2, libopenblas0-openmp a hundred. */
 VSHIFT_INPAINT_API int vshift_inpaint_linear_speed(double* gflop_per_s);
 
@@ -44,7 +46,7 @@ typedef struct {
  * are of one size. `progress` comes after every step; what it returns other than 0 stops (130), with a checkpoint.
  * `options_json`: {"model": {...}, "steps", "batch", "accumulate", "learning_rate", "weight_decay", "ema", "seed",
  * "checkpoint_every", "checkpoint_file", "model_file", "curve_file", "license", "autoencoder_file", "regression_file", "start_file",
- * "record": {...}}.
+ * "device" ("cpu", "cuda"), "precision" ("float32", "bf16"), "record": {...}}.
  * Samples from VSHIFT_INPAINT_CHECKS on are of views that are not trained on: an autoencoder is measured on them. */
 #define VSHIFT_INPAINT_CHECKS (UINT64_C(1) << 40)
 typedef int (*vshift_inpaint_sample)(void* user, uint64_t number, vshift_inpaint_views* out);

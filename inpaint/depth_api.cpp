@@ -63,7 +63,11 @@ int vshift_depth_train(const char* options_json, vshift_depth_sample sample, vsh
                 truth.push_back(part(plane(v.inverse_depth, 1, v, "inverse_depth")));
             }
             const at::Device device = weights.begin()->second.device();
-            return depth_loss(depth_forward(model.config, weights, at::cat(seen, 0).to(device)), at::cat(truth, 0).to(device));
+            const DepthGuess guess = [&] {
+                const Autocast casts(r.train);
+                return depth_forward(model.config, weights, at::cat(seen, 0).to(device));
+            }();
+            return depth_loss({guess.log_inverse.to(at::kFloat), guess.sky.to(at::kFloat)}, at::cat(truth, 0).to(device));
         };
         bool stopped = false;
         const TrainState state = train(json_of(model.config), model.weights, r.train, loss, [&](int64_t step, double value) {

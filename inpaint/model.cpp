@@ -336,7 +336,7 @@ Tensor texture_of(const Tensor& z0, const Tensor& may_change) {
 /// Squared error of what comes back from latents moved by their own spread, and how far they are from normal ones.
 Tensor autoencoder_loss(const ModelConfig& c, const Weights& weights, const Example& e, const Tensor& noise) {
     VaeState encoding, decoding;
-    const std::vector<Tensor> moments = vae_moments({c.vae, weights}, e.z0, encoding).chunk(2, 1);
+    const std::vector<Tensor> moments = vae_moments({c.vae, weights}, e.z0, encoding).to(at::kFloat).chunk(2, 1);
     const Tensor &mean = moments[0], spread = moments[1].clamp(-30, 20);
     const Tensor back = vae_decode_raw({c.vae, weights}, mean + (spread / 2).exp() * noise, decoding);
     const Tensor from_normal = (mean.pow(2) + spread.exp() - 1 - spread).mean() / 2;

@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "inpaint/network_fill.h"
 
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
@@ -82,10 +85,12 @@ std::vector<ColorImage> NetworkFill::next(const std::vector<NetworkView>& views)
     for (size_t f = 0; f < views.size(); ++f) {
         const Mask *hole = &views[f].view.hole, *neighbor = neighbor_of(views[f]);
         out.push_back(views[f].view.color);
-        for (size_t i = 0; i < out[f].size(); ++i)
-            if (hole->data[i] || (neighbor && neighbor->data[i]))
-                for (size_t c = 0; c < 3; ++c)
-                    out[f].data[i][int(c)] = float(linear_from_srgb(double(made[video.at(c, f) + i])));
+        tbb::parallel_for(tbb::blocked_range<size_t>(0, out[f].size()), [&](const auto& some) {
+            for (size_t i = some.begin(); i < some.end(); ++i)
+                if (hole->data[i] || (neighbor && neighbor->data[i]))
+                    for (size_t c = 0; c < 3; ++c)
+                        out[f].data[i][int(c)] = float(linear_from_srgb(double(made[video.at(c, f) + i])));
+        });
     }
     return out;
 }

@@ -23,6 +23,7 @@ NetworkLibrary load() {
     look_up(handle, "vshift_inpaint_version", l.version);
     look_up(handle, "vshift_inpaint_last_error", l.last_error);
     look_up(handle, "vshift_inpaint_set_threads", l.set_threads);
+    look_up(handle, "vshift_inpaint_has_device", l.has_device);
     look_up(handle, "vshift_inpaint_linear_speed", l.linear_speed);
     look_up(handle, "vshift_inpaint_train", l.train);
     look_up(handle, "vshift_inpaint_model_open", l.model_open);

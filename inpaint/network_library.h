@@ -14,6 +14,7 @@ struct NetworkLibrary {
     decltype(&vshift_inpaint_version) version;
     decltype(&vshift_inpaint_last_error) last_error;
     decltype(&vshift_inpaint_set_threads) set_threads;
+    decltype(&vshift_inpaint_has_device) has_device;
     decltype(&vshift_inpaint_linear_speed) linear_speed;
     decltype(&vshift_inpaint_train) train;
     decltype(&vshift_inpaint_model_open) model_open;

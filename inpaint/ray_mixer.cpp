@@ -4,6 +4,7 @@
 #include <ATen/Parallel.h>
 
 #include <algorithm>
+#include <array>
 
 namespace vshift::inpaint {
 namespace {
@@ -15,24 +16,24 @@ constexpr double never = -1e4;
 constexpr int64_t beyond_at = 3;  // among a ray's numbers: the color that is mixed
 constexpr size_t surface_at = 25;  // the mean color of up to 17 pixels
 constexpr size_t pixels_at_once = 768;  // what a cache holds
-constexpr int deep_px = 4;
+constexpr std::array<int, 3> deep_px{4, 6, 12};  // steps into a hole beyond which the next grid will do
 
 Tensor layer(const Weights& w, const std::string& name, const Tensor& x) {
     return at::linear(x, get(w, name + ".weight"), get(w, name + ".bias"));
 }
 
-/// `first`: the rays' first layer; `colors` [N, rays, 3]; `met` [N, rays]: 0 where a ray met nothing. `best`: the ray with
-/// the largest weight.
-Tensor mixed(const RayMixerConfig& c, const Weights& w, const Tensor& first, const Tensor& colors, const Tensor& met, const Tensor& own,
-             Tensor* best = nullptr) {
-    const Tensor each = at::relu(layer(w, "ray.1", at::relu(first)));
+/// `first` [N, rays, hidden]: the rays' first layer, overwritten. Returns [N, 1 + rays + 3]: scores of the fill and of each ray, and the
+/// color that is added.
+Tensor scored(const RayMixerConfig& c, const Weights& w, const Tensor& first, const Tensor& own) {
+    const Tensor each = layer(w, "ray.1", first.relu_()).relu_();
     Tensor x = at::cat({each.flatten(1), own}, 1);
-    for (int64_t i = 0; i < c.layers; ++i) x = at::relu(layer(w, "body." + std::to_string(i), x));
-    const Tensor y = layer(w, "out", x);
-    const Tensor scores = at::cat({y.narrow(1, 0, 1) + fill_first, y.narrow(1, 1, ray_count).masked_fill(met <= 0, never)}, 1);
-    if (best) *best = scores.narrow(1, 1, ray_count).argmax(1);
-    const Tensor among = (at::cat({own.narrow(1, 0, 3).unsqueeze(1), colors}, 1) + 1) / 2;
-    return (at::softmax(scores, 1).unsqueeze(2) * among).sum(1) + added_share * y.narrow(1, 1 + ray_count, 3);
+    for (int64_t i = 0; i < c.layers; ++i) x = layer(w, "body." + std::to_string(i), x).relu_();
+    return layer(w, "out", x);
+}
+
+/// The share of the fill and of each ray; `met` [N, rays]: 0 where a ray met nothing.
+Tensor shares_of(const Tensor& y, const Tensor& met) {
+    return at::softmax(at::cat({y.narrow(1, 0, 1) + fill_first, y.narrow(1, 1, ray_count).masked_fill(met <= 0, never)}, 1), 1);
 }
 
 /// `work(first, count)` for every piece of `size` things that a cache holds, on Torch's threads. At least two pieces, so
@@ -48,23 +49,43 @@ void in_pieces(size_t size, const Work& work) {
     });
 }
 
-/// Whether a pixel and all within deep_px steps of it are hole.
-std::vector<uint8_t> deep_in_holes(const RayPlanes& p) {
+/// Steps along rows and columns to the nearest known pixel; `most` from there on.
+std::vector<int> steps_into_holes(const RayPlanes& p, int most) {
     const int W = p.width, H = p.height;
-    std::vector<int> steps(size_t(W) * size_t(H));  // to the nearest known pixel, as far as this matters
+    std::vector<int> steps(size_t(W) * size_t(H));
     const auto nearer = [&](int x, int y, int from_x, int from_y) {
         if (from_x < 0 || from_y < 0 || from_x >= W || from_y >= H) return;
         int& s = steps[size_t(y) * size_t(W) + size_t(x)];
         s = std::min(s, steps[size_t(from_y) * size_t(W) + size_t(from_x)] + 1);
     };
-    for (size_t i = 0; i < steps.size(); ++i) steps[i] = p.hole[i] > 0 ? deep_px + 1 : 0;
+    for (size_t i = 0; i < steps.size(); ++i) steps[i] = p.hole[i] > 0 ? most : 0;
     for (int y = 0; y < H; ++y)
         for (int x = 0; x < W; ++x) nearer(x, y, x - 1, y), nearer(x, y, x, y - 1);
     for (int y = H - 1; y >= 0; --y)
         for (int x = W - 1; x >= 0; --x) nearer(x, y, x + 1, y), nearer(x, y, x, y + 1);
-    std::vector<uint8_t> deep(steps.size());
-    for (size_t i = 0; i < steps.size(); ++i) deep[i] = steps[i] > deep_px;
-    return deep;
+    return steps;
+}
+
+/// Grids of pixels, each half of the one before: all, every other one, every other one of even rows, and so on.
+bool on_grid(size_t grid, size_t x, size_t y) {
+    const size_t side = size_t(1) << (grid / 2);
+    return grid % 2 ? x % side == 0 && y % side == 0 && (x / side + y / side) % 2 == 0 : x % side == 0 && y % side == 0;
+}
+
+/// Pixels of a finer grid that are not on `grid`: the mean of their neighbours there.
+void fill_between(const std::vector<int32_t>& pixels, size_t grid, const RayPlanes& p, float* color) {
+    const auto W = int64_t(p.width), H = int64_t(p.height), side = int64_t(1) << ((grid - 1) / 2);
+    constexpr int64_t beside[2][4][2] = {{{1, 1}, {-1, 1}, {1, -1}, {-1, -1}}, {{1, 0}, {-1, 0}, {0, 1}, {0, -1}}};
+    for (const int32_t at : pixels)
+        for (int64_t k = 0; k < 3; ++k) {
+            float* plane = color + k * W * H;
+            float sum = 0, count = 0;
+            for (const auto& [dx, dy] : beside[grid % 2]) {
+                const int64_t x = at % W + dx * side, y = at / W + dy * side;
+                if (x >= 0 && y >= 0 && x < W && y < H) sum += plane[y * W + x], count += 1;
+            }
+            if (count > 0) plane[at] = sum / count;
+        }
 }
 
 }  // namespace
@@ -114,8 +135,10 @@ bool ray_mixer_begins_at_zero(const std::string& name) {
 Tensor ray_mixer_forward(const RayMixerConfig& c, const Weights& w, const Tensor& seen) {
     const int64_t n = seen.size(0);
     const Tensor rays = seen.narrow(1, 0, ray_count * ray_numbers).reshape({n, ray_count, ray_numbers});
-    return mixed(c, w, layer(w, "ray.0", rays), rays.narrow(2, beyond_at, 3), rays.select(2, ray_numbers - 1),
-                 seen.narrow(1, ray_count * ray_numbers, own_numbers));
+    const Tensor own = seen.narrow(1, ray_count * ray_numbers, own_numbers);
+    const Tensor y = scored(c, w, layer(w, "ray.0", rays), own);
+    const Tensor among = (at::cat({own.narrow(1, 0, 3).unsqueeze(1), rays.narrow(2, beyond_at, 3)}, 1) + 1) / 2;
+    return (shares_of(y, rays.select(2, ray_numbers - 1)).unsqueeze(2) * among).sum(1) + added_share * y.narrow(1, 1 + ray_count, 3);
 }
 
 namespace {
@@ -136,26 +159,28 @@ void mix(const RayMixerConfig& c, const Weights& w, const RayPlanes& p, const st
             .copy_(at::linear(edges.narrow(0, int64_t(from), some), first.narrow(1, 0, edge_numbers), get(w, "ray.0.bias")));
     });
     const Tensor way_weight = first.narrow(1, edge_numbers, way_numbers).t();
-    const Tensor beyond = edges.narrow(1, beyond_at, 3).contiguous();
     in_pieces(chosen.size(), [&](size_t from, int64_t some) {
         const Tensor edge = tensor(seen.edge, at::kInt, from, some, ray_count).flatten();
         const Tensor ways = tensor(seen.ways, at::kFloat, from * ray_count, some * ray_count, way_numbers);
-        Tensor best;
-        const Tensor colors = mixed(c, w, at::addmm(met.index_select(0, edge), ways, way_weight).view({some, ray_count, hidden}),
-                                    beyond.index_select(0, edge).view({some, ray_count, 3}),
-                                    ways.select(1, way_numbers - 1).view({some, ray_count}),
-                                    tensor(seen.own, at::kFloat, from, some, own_numbers), &best);
-        const auto made = colors.accessor<float, 2>();
-        const auto ray = best.accessor<int64_t, 1>();
+        const Tensor y = scored(c, w, met.index_select(0, edge).addmm_(ways, way_weight).view({some, ray_count, hidden}),
+                                tensor(seen.own, at::kFloat, from, some, own_numbers));
+        const Tensor shares = shares_of(y, ways.select(1, way_numbers - 1).view({some, ray_count}));
+        const auto added = y.accessor<float, 2>(), share = shares.accessor<float, 2>();
         for (int64_t i = 0; i < some; ++i) {
             const size_t number = from + size_t(i), to = size_t(chosen[number]);
-            for (size_t k = 0; k < 3; ++k) color[k * n + to] = made[i][int64_t(k)];
+            const float* of = share[i].data();
+            const auto numbers_of = [&](size_t ray) { return seen.edges.data() + size_t(seen.edge[number * ray_count + ray]) * edge_numbers; };
+            std::array<float, 3> mean{};
+            for (size_t k = 0; k < 3; ++k) mean[k] = of[0] * seen.own[number * own_numbers + k];
+            for (size_t ray = 0; ray < ray_count; ++ray)
+                for (size_t k = 0; k < 3; ++k) mean[k] += of[1 + ray] * numbers_of(ray)[beyond_at + int64_t(k)];
+            for (size_t k = 0; k < 3; ++k) color[k * n + to] = (mean[k] + 1) / 2 + float(added_share) * added[i][int64_t(1 + ray_count + k)];
             if (!texture) continue;
-            const auto edge_of = size_t(seen.edge[number * ray_count + size_t(ray[i])]);
-            const float* met_there = seen.edges.data() + edge_of * edge_numbers;
-            const auto there = edge_of > 0 ? size_t(mirrored_at_edge(p, chosen[number], size_t(ray[i]), met_there)) : 0;
-            for (size_t k = 0; k < 3; ++k)
-                texture[k * n + to] = edge_of > 0 ? p.fill[k * n + there] - (met_there[surface_at + k] + 1) / 2 : 0;
+            const auto best = size_t(std::max_element(of + 1, of + 1 + ray_count) - of - 1);
+            const float* met_there = numbers_of(best);
+            const bool met_one = met_there != seen.edges.data();  // the first edge is none
+            const auto there = met_one ? size_t(mirrored_at_edge(p, chosen[number], best, met_there)) : 0;
+            for (size_t k = 0; k < 3; ++k) texture[k * n + to] = met_one ? p.fill[k * n + there] - (met_there[surface_at + k] + 1) / 2 : 0;
         }
     });
 }
@@ -175,34 +200,27 @@ void ray_mixer_texture(const RayMixerConfig& c, const Weights& w, const RayPlane
 
 void ray_mixer_fill(const RayMixerConfig& c, const Weights& w, const RayPlanes& p, float* color) {
     const auto W = size_t(p.width), n = W * size_t(p.height);
-    std::vector<int32_t> chosen, between;
+    std::vector<int32_t> chosen;
+    std::array<std::vector<int32_t>, deep_px.size()> between;  // by the first grid that they are not on
     std::vector<float> texture;
     if (c.detail > 0) {
         chosen = holes_of(p);
         texture.resize(3 * n);
     } else {
-        const std::vector<uint8_t> deep = deep_in_holes(p);
-        for (const int32_t i : holes_of(p)) (deep[size_t(i)] && (size_t(i) % W + size_t(i) / W) % 2 ? between : chosen).push_back(i);
+        const std::vector<int> steps = steps_into_holes(p, deep_px.back() + 1);
+        for (const int32_t i : holes_of(p)) {
+            const auto at = size_t(i);
+            size_t grid = 0;
+            const auto deeper = [&] { return grid < deep_px.size() && steps[at] > deep_px[grid]; };
+            while (deeper() && on_grid(grid + 1, at % W, at / W)) ++grid;
+            (deeper() ? between[grid] : chosen).push_back(i);
+        }
     }
     mix(c, w, p, chosen, color, c.detail > 0 ? texture.data() : nullptr);
     for (const int32_t i : chosen)
         for (size_t at = size_t(i); at < 3 * n; at += n)
             color[at] = std::clamp(color[at] + (c.detail > 0 ? float(c.detail) * texture[at] : 0), 0.0f, 1.0f);
-    for (const int32_t i : between) {
-        const size_t at = size_t(i), x = at % W;
-        for (size_t k = 0; k < 3; ++k) {
-            const float* plane = color + k * n;
-            float sum = 0, count = 0;
-            const auto add = [&](bool inside, size_t there) {
-                if (inside) sum += plane[there], count += 1;
-            };
-            add(x > 0, at - 1);
-            add(x + 1 < W, at + 1);
-            add(at >= W, at - W);
-            add(at + W < n, at + W);
-            color[k * n + at] = sum / count;
-        }
-    }
+    for (size_t grid = between.size(); grid > 0; --grid) fill_between(between[grid - 1], grid, p, color);
 }
 
 }  // namespace vshift::inpaint

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "inpaint/rays.h"
 
+#include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
@@ -131,20 +132,25 @@ RayNumbers ray_numbers_of(const RayPlanes& p, const std::vector<int32_t>& chosen
         }
     });
     std::array<int32_t, ray_count> before{};
+    size_t total = edge_numbers;
+    for (const auto& some : edges) total += some.size();
+    out.edges.reserve(total);
     out.edges.assign(edge_numbers, 0);
     for (size_t k = 0; k < ray_count; ++k) {
         before[k] = int32_t(out.edges.size() / edge_numbers) - 1;
         out.edges.insert(out.edges.end(), edges[k].begin(), edges[k].end());
     }
-    for (size_t i = 0; i < chosen.size(); ++i) {
-        for (size_t k = 0; k < ray_count; ++k)
-            if (int32_t& e = out.edge[i * ray_count + k]; e > 0) e += before[k];
-        const size_t at = size_t(chosen[i]);
-        float* v = out.own.data() + i * own_numbers;
-        for (size_t c = 0; c < 3; ++c) v[c] = 2 * p.fill[c * n + at] - 1;
-        v[3] = 2 * (float(at / size_t(p.width)) + 0.5f) / float(p.height) - 1;
-        v[4] = std::fabs(2 * (float(at % size_t(p.width)) + 0.5f) / float(p.width) - 1);
-    }
+    tbb::parallel_for(tbb::blocked_range<size_t>(0, chosen.size(), 1024), [&](const auto& some) {
+        for (size_t i = some.begin(); i < some.end(); ++i) {
+            for (size_t k = 0; k < ray_count; ++k)
+                if (int32_t& e = out.edge[i * ray_count + k]; e > 0) e += before[k];
+            const size_t at = size_t(chosen[i]);
+            float* v = out.own.data() + i * own_numbers;
+            for (size_t c = 0; c < 3; ++c) v[c] = 2 * p.fill[c * n + at] - 1;
+            v[3] = 2 * (float(at / size_t(p.width)) + 0.5f) / float(p.height) - 1;
+            v[4] = std::fabs(2 * (float(at % size_t(p.width)) + 0.5f) / float(p.width) - 1);
+        }
+    });
     return out;
 }
 

@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "inpaint/street_pairs.h"
 
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
 #include <cmath>
 #include <iterator>
@@ -160,8 +163,10 @@ vshift_inpaint_views PairPlanes::views() const {
 std::vector<float> display_planes(const ColorImage& image) {
     const size_t n = image.size();
     std::vector<float> planes(3 * n);
-    for (size_t i = 0; i < n; ++i)
-        for (int c = 0; c < 3; ++c) planes[size_t(c) * n + i] = float(srgb_from_linear(double(image.data[i][c])));
+    tbb::parallel_for(tbb::blocked_range<size_t>(0, n), [&](const auto& some) {
+        for (size_t i = some.begin(); i < some.end(); ++i)
+            for (int c = 0; c < 3; ++c) planes[size_t(c) * n + i] = float(srgb_from_linear(double(image.data[i][c])));
+    });
     return planes;
 }
 

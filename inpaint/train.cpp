@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "inpaint/train.h"
 
+#include <ATen/autocast_mode.h>
+
 #include <cmath>
 #include <cstring>
 
@@ -13,7 +15,8 @@ namespace fs = std::filesystem;
 std::string run_of(const std::string& config, const TrainOptions& o) {
     return nlohmann::ordered_json{{"config", config},                {"steps", o.steps},   {"batch", o.batch},
                                   {"accumulate", o.accumulate},      {"seed", o.seed},     {"learning_rate", o.learning_rate},
-                                  {"weight_decay", o.weight_decay},  {"ema", o.ema}}
+                                  {"weight_decay", o.weight_decay},  {"ema", o.ema},       {"device", o.device.str()},
+                                  {"bf16", o.bf16}}
         .dump();
 }
 
@@ -54,7 +57,7 @@ TrainState read_checkpoint(const std::string& config, const Weights& like, const
             const StoredTensor* stored = files.find(prefix + name);
             if (!stored || stored->shape != Shape(t.sizes().begin(), t.sizes().end()))
                 throw Error(ExitCode::bad_input, files.file() + ": " + prefix + name + ": got none of its shape, expected it");
-            (*group)[name] = tensor_of(*stored).to(t.device());
+            (*group)[name] = tensor_of(*stored).to(options.device);
         }
     return s;
 }
@@ -99,30 +102,65 @@ std::pair<double, Weights> gradients(const Weights& weights, const TrainOptions&
     return {loss, out};
 }
 
-/// A model's loss in a pass: samples, their noise and times follow from the seed and the samples' numbers.
+void set_autocast(at::DeviceType device, bool on) {
+#if TORCH_VERSION_MAJOR > 2 || (TORCH_VERSION_MAJOR == 2 && TORCH_VERSION_MINOR >= 4)
+    at::autocast::set_autocast_dtype(device, at::kBFloat16);
+    at::autocast::set_autocast_enabled(device, on);
+#else
+    if (device == at::kCUDA) {
+        at::autocast::set_autocast_gpu_dtype(at::kBFloat16);
+        at::autocast::set_enabled(on);
+    } else {
+        at::autocast::set_autocast_cpu_dtype(at::kBFloat16);
+        at::autocast::set_cpu_enabled(on);
+    }
+#endif
+}
+
+Weights moved(const Weights& weights, at::Device device) {
+    Weights there;
+    for (const auto& [name, t] : weights) there[name] = t.to(device);
+    return there;
+}
+
+}  // namespace
+
+Autocast::Autocast(const TrainOptions& options) : device_(options.device.type()), on_(options.bf16) {
+    if (!on_) return;
+    at::autocast::increment_nesting();
+    set_autocast(device_, true);
+}
+
+Autocast::~Autocast() {
+    if (!on_) return;
+    set_autocast(device_, false);
+    if (at::autocast::decrement_nesting() == 0) at::autocast::clear_cache();
+}
+
 LossOfPass loss_of_model(const Model& model, const TrainOptions& o, const TrainHooks& hooks) {
-    return [&](const Weights& weights, int64_t step, int64_t pass) {
+    const Model there{model.config, {}, {model.vae.config, moved(model.vae.weights, o.device)}, {}};
+    return [there, &o, &hooks](const Weights& weights, int64_t step, int64_t pass) {
         const uint64_t first = uint64_t(step * o.accumulate * o.batch + pass * o.batch);
-        Example e = prepare(model, padded(model.config, gathered(hooks, first, o.batch)));
-        const at::Device device = weights.begin()->second.device();
-        for (Tensor* t : {&e.z0, &e.condition, &e.texture, &e.may_change, &e.weight})
-            if (t->defined()) *t = t->to(device);
-        const auto one = noise_sizes(model, e);
-        const bool noisy = model.config.flow || model.config.kind == Kind::autoencoder;
+        Views views = padded(there.config, gathered(hooks, first, o.batch));
+        for (Tensor* t : {&views.fill, &views.hole, &views.neighbor, &views.inverse_depth, &views.target, &views.weight, &views.texture,
+                          &views.seen})
+            if (t->defined()) *t = t->to(o.device);
+        const Example e = prepare(there, views);
+        const auto one = noise_sizes(there, e);
+        const bool noisy = there.config.flow || there.config.kind == Kind::autoencoder;
         std::vector<Tensor> noises, times;
         for (int64_t i = 0; i < o.batch && noisy; ++i) {
             const uint64_t sample = first + uint64_t(i);
             noises.push_back(noise(one, o.seed, 2 * sample));
             // Uniform by way of a normal number's distribution: one source of numbers for all.
             const double u = 0.5 * std::erfc(-noise({1}, o.seed, 2 * sample + 1).item<double>() / std::sqrt(2.0));
-            times.push_back(at::full({1}, shifted_time(u, model.config.time_shift)));
+            times.push_back(at::full({1}, shifted_time(u, there.config.time_shift)));
         }
-        return loss_of(model, weights, e, noisy ? at::cat(noises, 0).to(device) : Tensor(),
-                       noisy ? at::cat(times, 0).to(device) : Tensor());
+        const Autocast casts(o);
+        return loss_of(there, weights, e, noisy ? at::cat(noises, 0).to(o.device) : Tensor(),
+                       noisy ? at::cat(times, 0).to(o.device) : Tensor());
     };
 }
-
-}  // namespace
 
 double cosine_rate(double rate, int64_t step, int64_t steps) {
     return rate * 0.5 * (1 + std::cos(3.14159265358979323846 * double(step) / double(steps)));
@@ -145,10 +183,11 @@ TrainState train(const std::string& config, const Weights& initial, const TrainO
         s = read_checkpoint(config, initial, o);
     } else {
         for (const auto& [name, t] : initial) {
-            s.weights[name] = t.detach().clone();
-            s.average[name] = t.detach().clone();
-            s.first[name] = at::zeros_like(t);
-            s.second[name] = at::zeros_like(t);
+            const Tensor there = t.detach().to(o.device);
+            s.weights[name] = there.clone();
+            s.average[name] = there.clone();
+            s.first[name] = at::zeros_like(there);
+            s.second[name] = at::zeros_like(there);
         }
     }
     while (s.step < o.steps) {
@@ -178,6 +217,7 @@ TrainState train(const std::string& config, const Weights& initial, const TrainO
         if (!o.checkpoint_file.empty() && (due || !go_on)) write_checkpoint(config, o, s);
         if (!go_on) break;
     }
+    for (Weights* group : {&s.weights, &s.first, &s.second, &s.average}) *group = moved(*group, at::kCPU);
     return s;
 }
 

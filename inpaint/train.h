@@ -21,6 +21,22 @@ struct TrainOptions {
     uint64_t seed = 1;
     int64_t checkpoint_every = 0;           ///< steps; 0: none
     std::filesystem::path checkpoint_file;  ///< safetensors; gone on from when it is there
+    at::Device device = at::kCPU;           ///< where weights and samples go
+    bool bf16 = false;                      ///< what Autocast says
+};
+
+/// While it lives and `bf16` is asked for, Torch's autocast computes matrix products and convolutions, and so their
+/// derivatives, in bfloat16. Weights, loss and optimizer stay float32.
+class Autocast {
+public:
+    explicit Autocast(const TrainOptions& options);
+    ~Autocast();
+    Autocast(const Autocast&) = delete;
+    Autocast& operator=(const Autocast&) = delete;
+
+private:
+    const at::DeviceType device_;
+    const bool on_;
 };
 
 struct TrainState {
@@ -42,12 +58,15 @@ double cosine_rate(double rate, int64_t step, int64_t steps);
 std::pair<double, Weights> gradients(const Model& model, const Weights& weights, const TrainOptions& options,
                                      int64_t step, const TrainHooks& hooks);
 
-/// Runs to the end, or until a hook stops it. Throws Error bad_input when a checkpoint belongs to another run.
+/// Runs to the end, or until a hook stops it. What comes back lies on the CPU. Throws Error bad_input when a checkpoint belongs to another run.
 TrainState train(const Model& model, const TrainOptions& options, const TrainHooks& hooks);
 
 /// The same for anything with a loss: `config` tells its checkpoints from others, `loss` is the mean of pass `pass` (of
 /// `accumulate`) of a step.
 using LossOfPass = std::function<Tensor(const Weights& weights, int64_t step, int64_t pass)>;
+/// A model's: samples, their noise and times follow from the seed and the samples' numbers. The weights must lie on the options'
+/// device; `options` and `hooks` must live as long.
+LossOfPass loss_of_model(const Model& model, const TrainOptions& options, const TrainHooks& hooks);
 TrainState train(const std::string& config, const Weights& initial, const TrainOptions& options, const LossOfPass& loss,
                  const std::function<bool(int64_t step, double loss)>& after_step);
 

@@ -29,7 +29,8 @@ using nlohmann::ordered_json;
 constexpr const char* depth_kind = "depth";
 
 struct Options {
-    std::string output, streets = "1-12", judge, kind = "pixel_unet", config, autoencoder, regression, start, arm = "virtual_shift";
+    std::string output, streets = "1-12", judge, kind = "pixel_unet", config, autoencoder, regression, start, arm = "virtual_shift", device = "cpu",
+                precision = "float32";
     std::vector<std::string> judge_also;
     int frames = 2, width = 256, crop = 0, pairs = 1500, steps = 1000, batch = 8, accumulate = 1, threads = 0, checkpoint_every = 100;
     std::vector<int> euler_steps{1};
@@ -195,7 +196,7 @@ void train(const Options& o, const std::vector<uint32_t>& seeds, const std::vect
         {"learning_rate", o.learning_rate}, {"ema", o.ema}, {"seed", o.seed}, {"checkpoint_every", o.checkpoint_every},
         {"checkpoint_file", stem + ".checkpoint.safetensors"}, {"curve_file", stem + ".curve.csv"}, {"model_file", o.output},
         {"autoencoder_file", o.autoencoder}, {"regression_file", o.regression}, {"start_file", o.start},
-        {"license", "Apache-2.0"},
+        {"device", o.device}, {"precision", o.precision}, {"license", "Apache-2.0"},
         {"record", {{"data", depth ? "analytic streets, pictures and their true depth" : "analytic streets, virtual shifts of 0.5 to 4 m of recorded views"},
                     {"arm", depth ? "" : o.arm}, {"begins_with", fs::path(o.regression).filename().string()}, {"streets", o.streets},
                     {"frames", o.frames}, {"lanes_m", o.lanes_m}, {"width", o.width}, {"crop", o.crop}, {"pairs", pool.size() ? o.pairs : 0}, {"pixels", pool.size()}, {"views", views}}}};
@@ -248,6 +249,9 @@ void run(const Options& o) {
         throw Error(ExitCode::bad_input, "usage: --judge: got none, expected streets to measure the autoencoder on");
     const int threads = o.threads > 0 ? o.threads : int(std::max(1u, std::thread::hardware_concurrency()));
     inpaint::check(inpaint::network_library().set_threads(threads));
+    if (o.precision != "float32" && o.precision != "bf16")
+        throw Error(ExitCode::bad_input, "usage: --precision: got '" + o.precision + "', expected float32 or bf16");
+    inpaint::check(inpaint::network_library().has_device(o.device.c_str()));
     if (const std::string warning = inpaint::slow_blas_warning(threads); !warning.empty())
         std::fprintf(stderr, "vshift: warning: %s\n", warning.c_str());
     if (!o.judge_only) train(o, seeds, others);
@@ -307,6 +311,10 @@ void add_train_verb(CLI::App& app) {
     sub->add_option("--ema", o->ema, "moving average of the weights that are saved")->capture_default_str();
     sub->add_option("--seed", o->seed, "of weights, samples and noise")->capture_default_str();
     sub->add_option("--checkpoint-every", o->checkpoint_every, "steps")->capture_default_str();
+    sub->add_option("--device", o->device, "of training: cpu, or cuda where LibTorch finds one")->capture_default_str();
+    sub->add_option("--precision", o->precision,
+                    "of matrix products and convolutions in training: float32 or bf16; weights, loss and optimizer are float32")
+        ->capture_default_str();
     sub->add_option("--threads", o->threads, "of Torch; 0: all cores")->capture_default_str();
     sub->callback([o] {
         wait_without_spinning();

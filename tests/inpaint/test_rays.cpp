@@ -159,8 +159,8 @@ TEST_CASE("pixel_rays: begins as a mean that the fill leads, and leaves known pi
     CHECK(out[0][2][0][4][9].item<double>() == Approx(1 - red / (met + std::exp(3.0))).epsilon(1e-5));
 }
 
-TEST_CASE("pixel_rays: fills as it was trained, and deep in a hole every other pixel is a mean", "[rays][model]") {
-    Picture p = two_walls(40, 30, 8, 31);
+TEST_CASE("pixel_rays: fills as it was trained, and deep in a hole the other pixels are means", "[rays][model]") {
+    Picture p = two_walls(60, 30, 8, 51);
     const size_t n = p.hole.size();
     for (size_t i = 0; i < 3 * n; ++i) p.fill[i] = float((i * 2654435761u >> 8) % 1000) / 1000;
     ModelConfig config;
@@ -170,7 +170,7 @@ TEST_CASE("pixel_rays: fills as it was trained, and deep in a hole every other p
     const Views v = views_of(p);
     Stream stream;
     const Tensor out = inpaint::inpaint(model, v, 1, 1, stream);
-    for (const int x : {8, 9, 11, 20, 30}) {  // the last but one: 12 from the edge, and even
+    for (const int x : {8, 9, 11, 12, 16, 18, 26, 30, 50}) {  // with row 10 on the grid of its depth
         const std::vector<float> seen = seen_from(p, x, 10);
         // The velocity at its only time is the way back from what is made to the fill.
         const Tensor back = velocity(model, model.weights, at::zeros({1, 3, 1, 1, 1}), at::ones({1}), tensor_of(seen).view({1, -1, 1, 1, 1}));
@@ -181,8 +181,19 @@ TEST_CASE("pixel_rays: fills as it was trained, and deep in a hole every other p
     }
     for (int64_t c = 0; c < 3; ++c) {
         const auto at = [&](int y, int x) { return out[0][c][0][y][x].item<double>(); };
-        CHECK(at(10, 21) == Approx((at(9, 21) + at(11, 21) + at(10, 20) + at(10, 22)) / 4).margin(1e-6));
-        CHECK(at(0, 21) == Approx((at(1, 21) + at(0, 20) + at(0, 22)) / 3).margin(1e-6));
+        const auto mean_at = [&](int y, int x, std::initializer_list<std::pair<int, int>> beside) {
+            double sum = 0;
+            for (const auto& [dy, dx] : beside) sum += at(y + dy, x + dx) / double(beside.size());
+            CHECK(at(y, x) == Approx(sum).margin(1e-6));
+        };
+        for (const int x : {13, 21, 29}) {  // 6, 14 and 22 from the edge: with the row an odd sum
+            mean_at(10, x, {{-1, 0}, {1, 0}, {0, -1}, {0, 1}});
+            mean_at(0, x, {{1, 0}, {0, -1}, {0, 1}});
+        }
+        mean_at(11, 17, {{-1, -1}, {-1, 1}, {1, -1}, {1, 1}});  // 10 from the edge: both odd
+        mean_at(29, 17, {{-1, -1}, {-1, 1}});
+        mean_at(10, 28, {{-2, 0}, {2, 0}, {0, -2}, {0, 2}});  // 21 from the edge: both even, no multiple of 4 together
+        mean_at(0, 30, {{2, 0}, {0, -2}, {0, 2}});
     }
     // The same on any number of threads.
     const int before = at::get_num_threads();
