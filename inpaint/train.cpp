@@ -138,7 +138,7 @@ Autocast::~Autocast() {
 }
 
 LossOfPass loss_of_model(const Model& model, const TrainOptions& o, const TrainHooks& hooks) {
-    const Model there{model.config, {}, {model.vae.config, moved(model.vae.weights, o.device)}, {}};
+    const Model there{model.config, {}, {}, {model.vae.config, moved(model.vae.weights, o.device)}, {}};
     return [there, &o, &hooks](const Weights& weights, int64_t step, int64_t pass) {
         const uint64_t first = uint64_t(step * o.accumulate * o.batch + pass * o.batch);
         Views views = padded(there.config, gathered(hooks, first, o.batch));
