@@ -16,7 +16,7 @@ constexpr double never = -1e4;
 constexpr int64_t beyond_at = 3;  // among a ray's numbers: the color that is mixed
 constexpr size_t surface_at = 25;  // the mean color of up to 17 pixels
 constexpr size_t pixels_at_once = 768;  // what a cache holds
-constexpr std::array<int, 3> deep_px{4, 6, 12};  // steps into a hole beyond which the next grid will do
+constexpr std::array<int, 3> deep_px{3, 6, 12};  // steps into a hole beyond which the next grid will do
 
 Tensor layer(const Weights& w, const std::string& name, const Tensor& x) {
     return at::linear(x, get(w, name + ".weight"), get(w, name + ".bias"));
