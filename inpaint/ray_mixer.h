@@ -24,7 +24,7 @@ bool ray_mixer_begins_at_zero(const std::string& name);
 /// rays' colors beyond the edge, weighted by softmax, and a small color added.
 Tensor ray_mixer_forward(const RayMixerConfig& config, const Weights& weights, const Tensor& seen);
 
-/// The same for the holes of a frame: their colors, in 0..1, in place of `color`'s (3 planes). From the fifth, seventh and
+/// The same for the holes of a frame: their colors, in 0..1, in place of `color`'s (3 planes). From the fourth, seventh and
 /// thirteenth pixel into a hole every second, fourth and eighth one is computed, the others are means of their neighbours. With
 /// `detail` all are, and each gets this share of its texture: the mean of all that could be there has none, the surface beside it
 /// has. Sharper, and further from the truth pixel by pixel.
