@@ -87,7 +87,7 @@ Grid<uint16_t> gentle_reach(const std::vector<TileRow>& tiles, const Order& acro
     for (int i = 0; i < rows; ++i) {
         const int y = down.order[size_t(back ? rows - 1 - i : i)];
         const auto [y0, y1] = along[size_t(y)];
-        if (y0 < y1) std::fill(other_rows.begin(), other_rows.end(), most);
+        std::fill(other_rows.begin(), other_rows.end(), most);
         for (int other = y0; other <= y1; ++other)
             for (int x = 0; x < columns && other != y; ++x)
                 other_rows[size_t(x)] = std::min(other_rows[size_t(x)], reach.at(x, other));
