@@ -18,6 +18,8 @@ namespace {
 
 // No ray may leave its row by this much where the rows stand for themselves: surfaces end half a pixel off.
 constexpr float most_off_row_px = 0.4f;
+// Nor by this much for each pixel along it: slopes down the picture would count.
+constexpr double most_off_row_share = 0.0005;
 
 /// Bins of V's picture with an extreme of 1/z in each; `anywhere` is what lies in no bin for sure.
 struct Picture {
@@ -153,8 +155,8 @@ RayFilter::RayFilter(const Surface& surface, const glm::dvec3& centre_m) : centr
     const double left = way(centre_x, 0), right = way(centre_x, k.width);
     const double off = std::max(std::fabs(way(centre_y, 0)), std::fabs(way(centre_y, k.height))) * k.width /
                        std::min(std::fabs(left), std::fabs(right));
-    const bool only_rows =
-        (left > 0) == (right > 0) && !extent.invalid && off + miss_px * extent.largest < most_off_row_px;
+    const bool only_rows = (left > 0) == (right > 0) && !extent.invalid && off < most_off_row_share * k.width &&
+                           off + miss_px * extent.largest < most_off_row_px;
     height_shift_ = only_rows ? 0 : 1;
     const int tile_height = 1 << height_shift_;
     const int columns = (k.width + tile_width - 1) / tile_width, rows = (k.height + tile_height - 1) / tile_height;
