@@ -42,6 +42,9 @@ struct LiftOptions {
     std::optional<glm::dvec3> only_for_m{};
 };
 
+/// However small the shift: collapsing moves no surface by more than about this share of its 1/z.
+inline constexpr float largest_share = 0.01f;
+
 /// Leaves what `resize` adds as it is: memory that nobody writes costs nothing.
 template <class T>
 struct Uninitialized : std::allocator<T> {
@@ -62,8 +65,6 @@ struct Uninitialized : std::allocator<T> {
 struct LiftedVertex {
     float x, y, z, pad;  ///< camera coordinates in metres; padded to 16 bytes for the ray tracer
 };
-/// However small the shift: collapsing moves no surface by more than about this share of its 1/z.
-inline constexpr float largest_share = 0.01f;
 /// Corners in order round the quad; a triangle repeats its last corner.
 using LiftedQuad = std::array<uint32_t, 4>;
 

@@ -5,9 +5,10 @@
 // and 1/z; its output begins at zero, that is at the fill. In latents it predicts the target's latent and sees the
 // condition's (and the masks as shares of a latent's area), as the paper says. Either comes as one step (regression:
 // the velocity at t = 1 from z1 = 0) or as flow matching. What may not change is neither noise nor moved: known latents
-// stay the condition's, known pixels come back bit for bit. An autoencoder is trained first and alone; it fills nothing.
-// pixel_rays is regression pixel by pixel (ray_mixer.h), and changes holes alone. With a `start`, a flow in pixels has such
-// a model inside: what that gives takes the fill's place, and z1 is its texture and noise, not noise alone.
+// stay the condition's, known pixels come back bit for bit. An autoencoder is trained first and alone; it fills
+// nothing. pixel_rays is regression pixel by pixel (ray_mixer.h), and changes holes alone. With a `start`, a flow in
+// pixels has such a model inside: what that gives takes the fill's place, and z1 is its texture and noise, not noise
+// alone.
 #pragma once
 #include "inpaint/dit.h"
 #include "inpaint/flow.h"
@@ -36,7 +37,8 @@ struct ModelConfig {
     bool neighbors = false;  ///< trained on conditions that have neighbours' pixels
     int64_t window = 0;      ///< frames that attention looks at; 0: all of them, no streaming
     double time_shift = 1;   ///< Wan's, in training and sampling
-    /// The network's output is z0 (in latents: less the condition's), from which v = (z_t - z0) / t follows; else v itself.
+    /// The network's output is z0 (in latents: less the condition's), from which v = (z_t - z0) / t follows; else v
+    /// itself.
     bool gives_data = false;
     double early_time = 0.25;  ///< of such a network, in training: v's error below this t counts as that at it
     double residual_scale = 4;
@@ -80,7 +82,7 @@ struct Views {
     Tensor target;         ///< 3: training only
     Tensor weight;         ///< 1: how much an error counts in training; undefined: hole or neighbor
     Tensor texture;        ///< 3: of models with a start, what started() gives; else undefined
-    Tensor seen;           ///< training of pixel_rays, whose pixels are drawn from many views: ray_mixer_forward's input
+    Tensor seen;  ///< training of pixel_rays, whose pixels are drawn from many views: ray_mixer_forward's input
 };
 
 /// H and W that the model takes are multiples of this.
@@ -94,8 +96,8 @@ Views started(const Model& model, const Views& views);
 
 /// The network's space: what it is asked for, what it sees, and where it counts.
 struct Example {
-    Tensor z0;         ///< [B, Z, F, h, w]; undefined without a target
-    Tensor condition;  ///< [B, C, F, h, w]
+    Tensor z0;          ///< [B, Z, F, h, w]; undefined without a target
+    Tensor condition;   ///< [B, C, F, h, w]
     Tensor texture;     ///< of models with a start: as z0, before it is weighed; else undefined
     Tensor may_change;  ///< [B, 1, F, h, w]: share
     Tensor weight;      ///< the same size: how much an error counts
@@ -110,9 +112,10 @@ Tensor beginning(const ModelConfig& config, const Example& example, const Tensor
 Tensor velocity(const Model& model, const Weights& weights, const Tensor& z, const Tensor& t, const Tensor& condition,
                 const DitOptions& options = {});
 
-/// The mean over samples of the weighted squared error of v; `noise` standard normal, `t` in 0..1 ([B]). Regression ignores both.
-/// Where the network gives z0, v's error would grow without bound towards t = 0: hence `early_time`.
-Tensor loss_of(const Model& model, const Weights& weights, const Example& example, const Tensor& noise, const Tensor& t);
+/// The mean over samples of the weighted squared error of v; `noise` standard normal, `t` in 0..1 ([B]). Regression
+/// ignores both. Where the network gives z0, v's error would grow without bound towards t = 0: hence `early_time`.
+Tensor loss_of(const Model& model, const Weights& weights, const Example& example, const Tensor& noise,
+               const Tensor& t);
 
 /// A stream of frames: what the next piece needs of the past. Memory does not grow.
 struct Stream {

@@ -268,13 +268,12 @@ TEST_CASE("every closed form holds under a tolerance of 0.02 px, and masks stay 
 }
 
 TEST_CASE("a cell that is torn along one edge alone is one part, whichever edge it is", "[adaptive]") {
-    const int joined_bits[4][3] = {
-        {1, 1, 1}, {2, 1, 2}, {1, 2, 1}, {1, 1, 2}};  // x, y, bit of the edge after each corner
+    const int edges[4][3] = {{1, 1, 1}, {2, 1, 2}, {1, 2, 1}, {1, 1, 2}};  // after each corner: x, y, bit of its tear
     for (int torn = 0; torn < 4; ++torn) {
         INFO("edge " << torn);
         Grid<float> w(4, 4, 0.1f);
         Grid<uint8_t> tears(4, 4, 0);
-        const auto& edge = joined_bits[torn];
+        const auto& edge = edges[torn];
         tears.at(edge[0], edge[1]) = uint8_t(edge[2]);
         const SplitCell cell = split_cell({w, tears}, 1, 1);
         for (int c = 0; c < 4; ++c) {
@@ -354,6 +353,24 @@ TEST_CASE("a mesh made for one mask gives the whole mesh's masks, and less of it
             }
     INFO(less << " of " << whole << " triangles");
     CHECK(less < whole);
+}
+
+TEST_CASE("a narrow picture's rays are asked where the surface rises down it", "[filter]") {
+    // Rays leave their row by a third of a pixel over its two pixels, and 1/z rises by up to .5 from row to row.
+    Subject s = of_disparity("narrow", 2, 18, [](double, double) { return 20.0; });
+    s.k.fx = 176.2, s.k.fy = 114.2, s.k.cx = 1.85, s.k.cy = 5.14;
+    for (int y = 3; y < 18; ++y) s.depth.at(1, y) = float(3.45 - 0.2075 * (y - 3));
+    const glm::dvec3 centre(-1.1, 0.26, 0.38);
+    const auto masks = [&](LiftedMesh mesh, Casting casting) {
+        LiftedRig rig;
+        rig.views.push_back(build_view(s.name, Pose{}, std::move(mesh)));
+        return mask(rig, {s.k, Pose{glm::dmat3(1.0), centre}}, clear_m, casting);
+    };
+    const RecordedMasks all = masks(lift_towards(s.k, Pose{}, s.depth, centre, 0.02), Casting::everywhere),
+                        few = masks(lift_for_mask(s.k, Pose{}, s.depth, centre, 0.02), Casting::where_needed);
+    CHECK(count(all.occluded) >= 8);
+    for (const char* channel : {"lost", "occluded", "outside", "unknown", "unseen"})
+        CHECK(differing(channel_of(few, channel), channel_of(all, channel)) == 0);
 }
 
 TEST_CASE("a mesh made for one mask answers no other", "[filter]") {

@@ -1,22 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // Flows that begin with a pixel_rays' picture: their start, what is there without training, their files.
-#include <unistd.h>
-
 #include <cmath>
 #include <filesystem>
 
-#include "inpaint/model.h"
-#include "tests/catch.h"
+#include "tests/inpaint/small_models.h"
 
 namespace fs = std::filesystem;
 using namespace vshift;
 using namespace vshift::inpaint;
 
 namespace {
-
-double worst(const Tensor& a, const Tensor& b) {
-    return (a - b).abs().max().item<double>();
-}
 
 /// A hole in noise, over all rows.
 Views views(int64_t height = 24, int64_t width = 40) {
@@ -30,14 +23,15 @@ Views views(int64_t height = 24, int64_t width = 40) {
 }
 
 ModelConfig config_of(double detail, double noise, double coupling) {
-    ModelConfig c = parse_model_config(R"({"kind":"pixel_unet","flow":true,"start":{},"unet":{"widths":[8,12]},"rays":{"dim":16}})", "test");
+    ModelConfig c = parse_model_config(
+        R"({"kind":"pixel_unet","flow":true,"start":{},"unet":{"widths":[8,12]},"rays":{"dim":16}})", "test");
     c.rays.detail = detail;
     c.start = {noise, coupling, 1};
     return c;
 }
 
 /// Its rays are no mean of the fill alone.
-Model woken(const ModelConfig& c) {
+Model with_rays(const ModelConfig& c) {
     Model m = initial_model(c, 3);
     m.rays.at("out.weight").copy_(noise(m.rays.at("out.weight").sizes(), 3, 1) * 0.1);
     return m;
@@ -51,21 +45,13 @@ Model rays_of(const Model& m) {
     return rays;
 }
 
-template <class Work>
-std::string told(Work work) {
-    try {
-        work();
-    } catch (const Error& e) {
-        return e.what();
-    }
-    return "";
-}
-
 }  // namespace
 
-TEST_CASE("start: without velocity and noise a flow gives its pixel_rays' picture, texture and all, in any number of steps", "[start]") {
-    const Model m = woken(config_of(1.1, 0, 0.7));  // its output begins at 0, and is v
-    const Views v = views(26, 41);  // no multiple of anything
+TEST_CASE(
+    "start: without velocity and noise a flow gives its pixel_rays' picture, texture and all, in any number of steps",
+    "[start]") {
+    const Model m = with_rays(config_of(1.1, 0, 0.7));  // its output begins at 0, and is v
+    const Views v = views(26, 41);                      // no multiple of anything
     Stream of_rays;
     const Tensor expected = inpaint::inpaint(rays_of(m), v, 1, 1, of_rays);
     REQUIRE(worst(expected, v.fill) > 0.1);
@@ -88,7 +74,7 @@ TEST_CASE("start: without velocity and noise a flow gives its pixel_rays' pictur
 TEST_CASE("start: with an oracle's velocity Euler reaches the truth from any start", "[start][flow]") {
     for (const double coupling : {0.0, 0.7})
         for (const double strength : {0.0, 0.1}) {
-            const Model m = woken(config_of(1.1, strength, coupling));
+            const Model m = with_rays(config_of(1.1, strength, coupling));
             Views v = started(m, views());
             v.target = v.fill + 0.3 * noise(v.fill.sizes(), 8, 1) * v.hole;
             const Example e = prepare(m, v);
@@ -113,7 +99,8 @@ TEST_CASE("start: texture, the truth's part of it and noise have the strengths t
     Views v;
     v.fill = at::full({1, 3, 1, side, side}, 0.5);
     v.hole = v.neighbor = v.inverse_depth = at::ones({1, 1, 1, side, side});
-    const Tensor column = at::arange(side).remainder(2).mul(2).sub(1).view({1, 1, 1, 1, side}).expand_as(v.fill);  // -1, 1, -1 ...
+    const Tensor column =
+        at::arange(side).remainder(2).mul(2).sub(1).view({1, 1, 1, 1, side}).expand_as(v.fill);  // -1, 1, -1 ...
     v.texture = at::full_like(v.fill, 0.05);
     v.target = v.fill + 0.2 + 0.1 * column;
     const auto start = [&](double detail, double strength, double coupling, bool training) {
@@ -132,7 +119,8 @@ TEST_CASE("start: texture, the truth's part of it and noise have the strengths t
     ModelConfig c = config_of(1.1, 0, 0.6);
     c.start.gain = 2;
     const Example filled = prepare(initial_model(c, 1), v);
-    CHECK(worst(beginning(c, filled, at::zeros_like(filled.z0)) / c.residual_scale, at::full_like(v.fill, 2 * 1.1 * 0.05)) < 1e-6);
+    CHECK(worst(beginning(c, filled, at::zeros_like(filled.z0)) / c.residual_scale,
+                at::full_like(v.fill, 2 * 1.1 * 0.05)) < 1e-6);
     // The loss is that of v = z1 - z0 with this z1: here of a network whose v is 0.
     const Model m = initial_model(c, 1);
     const Example e = prepare(m, v);
@@ -142,10 +130,9 @@ TEST_CASE("start: texture, the truth's part of it and noise have the strengths t
 }
 
 TEST_CASE("start: its file holds the rays, and what does not fit is refused", "[start][model]") {
-    const fs::path folder = fs::temp_directory_path() / ("vshift-start-" + std::to_string(::getpid()));
-    fs::create_directories(folder);
-    const fs::path rays_file = folder / "rays.safetensors", file = folder / "flow.safetensors";
-    Model rays = rays_of(woken(config_of(1.1, 0.02, 0.7)));
+    const Scratch scratch;
+    const fs::path rays_file = scratch.folder / "rays.safetensors", file = scratch.folder / "flow.safetensors";
+    Model rays = rays_of(with_rays(config_of(1.1, 0.02, 0.7)));
     rays.metadata["training"] = "some";
     save_model(rays_file, rays, rays.weights);
     const Model m = initial_model_with_start(config_of(1.1, 0.02, 0.7), 2, rays_file);
@@ -160,28 +147,34 @@ TEST_CASE("start: its file holds the rays, and what does not fit is refused", "[
 
     ModelConfig wider = m.config;
     wider.rays.dim = 8;
-    CHECK(told([&] { initial_model_with_start(wider, 2, rays_file); }).find("a pixel_rays of the size") != std::string::npos);
-    CHECK(told([&] { initial_model_with_start(m.config, 2, file); }).find("a pixel_rays of the size") != std::string::npos);
+    CHECK(told([&] { initial_model_with_start(wider, 2, rays_file); }).find("a pixel_rays of the size") !=
+          std::string::npos);
+    CHECK(told([&] { initial_model_with_start(m.config, 2, file); }).find("a pixel_rays of the size") !=
+          std::string::npos);
     Model without = m;
     without.rays.erase("out.bias");
     save_model(file, without, without.weights);
     CHECK(told([&] { load_model(file); }).find("start.out.bias") != std::string::npos);
     Views v = views();
     CHECK(told([&] { prepare(m, v); }).find("views: texture") != std::string::npos);
-    fs::remove_all(folder);
-    for (const char* text : {R"({"start":{}})", R"({"kind":"pixel_rays","start":{}})", R"({"kind":"latent_dit","flow":true,"start":{}})",
-                             R"({"flow":true,"neighbors":true,"start":{}})", R"({"flow":true,"start":{"noise":-1}})",
-                             R"({"flow":true,"start":{"coupling":1}})", R"({"flow":true,"start":{"coupling":"x"}})",
-                             R"({"flow":true,"start":{"gain":4}})", R"({"flow":true,"start":{"size":1}})", R"({"flow":true,"start":7})", R"({"flow":true,"start":null})"})
+    for (const char* text :
+         {R"({"start":{}})", R"({"kind":"pixel_rays","start":{}})", R"({"kind":"latent_dit","flow":true,"start":{}})",
+          R"({"flow":true,"neighbors":true,"start":{}})", R"({"flow":true,"start":{"noise":-1}})",
+          R"({"flow":true,"start":{"coupling":1}})", R"({"flow":true,"start":{"coupling":"x"}})",
+          R"({"flow":true,"start":{"gain":4}})", R"({"flow":true,"start":{"size":1}})", R"({"flow":true,"start":7})",
+          R"({"flow":true,"start":null})"})
         CHECK(told([&] { parse_model_config(text, "m"); }).find("m: config: start") == 0);
 }
 
-TEST_CASE("flow: from a start that tells nothing of the data, Euler keeps cos(pi/2N)^2N of a normal one's variance at most", "[flow]") {
+TEST_CASE(
+    "flow: from a start that tells nothing of the data, Euler keeps cos(pi/2N)^2N of a normal one's variance at most",
+    "[flow]") {
     // A perfect network: of two independent standard normals, E[z0 | z] = (1 - t) z / ((1 - t)^2 + t^2).
     const auto kept = [](const std::vector<double>& times) {
-        return euler(at::ones({1}), times, [](const Tensor& z, double t, int) {
-                   return (z - z * (1 - t) / ((1 - t) * (1 - t) + t * t)) / t;
-               }).pow(2).item<double>();
+        return euler(at::ones({1}), times,
+                     [](const Tensor& z, double t, int) { return (z - z * (1 - t) / ((1 - t) * (1 - t) + t * t)) / t; })
+            .pow(2)
+            .item<double>();
     };
     const double quarter_turn = std::acos(0.0);
     for (const int steps : {1, 2, 4, 8}) {
