@@ -31,6 +31,9 @@ struct NetworkLibrary {
     decltype(&vshift_depth_of) depth_of;
 };
 
+/// As many as there are cores.
+int all_threads();
+
 /// Looks in $VSHIFT_INPAINT_LIBRARY, then in ../lib and . beside the program, then where the system looks. Throws Error
 /// io_failed that says what to install.
 const NetworkLibrary& network_library();
@@ -38,7 +41,7 @@ const NetworkLibrary& network_library();
 /// Throws what a function's return code and message say; nothing for 0.
 void check(int code);
 
-/// A line that names the package to install when linear layers are slow here (under 10 GFLOP/s a thread); else empty.
+/// A line that names the package to install when linear layers are slow here (under 25 GFLOP/s a thread); else empty.
 std::string slow_blas_warning(int threads);
 
 }  // namespace vshift::inpaint

@@ -22,6 +22,8 @@ from fills import STYLE  # noqa: E402
 PANELS = (("psnr_db", "PSNR in disocclusions, dB"), ("gradient_share", "gradient energy, share of the truth's"),
           ("texture_distance", "texture distance (lower is nearer)"))
 COLOURS = ("#0a7fc2", "#d55e00", "#009e73", "#cc79a7", "#6b5b3e", "#b79f00")
+# Three of the classical fills lie close together.
+LABEL_SIDES = {"pushpull": ((-6, 4), "right"), "ns": ((-6, -8), "right")}
 MARKERS = ("o", "s", "D", "^", "v", "P")
 
 
@@ -62,7 +64,8 @@ def draw(rows):
             for r, px, py in zip(of, x, y):
                 many = network and len(of) > 1
                 text = str(r["steps"]) if many else "" if network else name
-                ax.annotate(text, (px, py), textcoords="offset points", xytext=(6, 5), fontsize=8, color=colour)
+                offset, side = LABEL_SIDES.get(text, ((6, 5), "left"))
+                ax.annotate(text, (px, py), textcoords="offset points", xytext=offset, ha=side, fontsize=8, color=colour)
         if field == "gradient_share":
             ax.axhspan(.85, 1.15, color="#009e73", alpha=.12, linewidth=0)
         ax.set_xscale("log")

@@ -18,6 +18,7 @@
 #include "embree_core/stopwatch.h"
 #include "embree_core/words.h"
 #include "inpaint/network_fill.h"
+#include "inpaint/network_library.h"
 
 namespace vshift::cli {
 namespace {
@@ -140,7 +141,11 @@ public:
                                                  ": file: got none, expected the set's list of shifts");
         if (many_ && manifest_) in_set_ = folder_in_set(options.out_dir, recipe_.folder());
         if (!in_set_.empty()) remove_stale_temporaries(recipe_.folder());
-        if (options.network()) network_ = std::make_unique<inpaint::NetworkFill>(options.model, options.euler_steps);
+        if (options.network()) {
+            network_ = std::make_unique<inpaint::NetworkFill>(options.model, options.euler_steps);
+            if (const std::string warning = inpaint::slow_blas_warning(inpaint::all_threads()); !warning.empty())
+                std::fprintf(stderr, "vshift: warning: %s\n", warning.c_str());
+        }
     }
 
     void all() {

@@ -5,7 +5,6 @@
 #include <cstdio>
 #include <filesystem>
 #include <memory>
-#include <thread>
 
 #include "embree_core/cli/progress.h"
 #include "embree_core/cli/run_program.h"
@@ -247,7 +246,7 @@ void run(const Options& o) {
                                              " for " + o.kind + ", expected one for latent_dit alone");
     if (o.kind == "autoencoder" && others.empty())
         throw Error(ExitCode::bad_input, "usage: --judge: got none, expected streets to measure the autoencoder on");
-    const int threads = o.threads > 0 ? o.threads : int(std::max(1u, std::thread::hardware_concurrency()));
+    const int threads = o.threads > 0 ? o.threads : inpaint::all_threads();
     inpaint::check(inpaint::network_library().set_threads(threads));
     if (o.precision != "float32" && o.precision != "bf16")
         throw Error(ExitCode::bad_input, "usage: --precision: got '" + o.precision + "', expected float32 or bf16");
