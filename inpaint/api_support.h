@@ -40,7 +40,7 @@ void require(bool given, const char* what);
 /// The options of c_api.h; `model` is JSON.
 struct TrainRequest {
     TrainOptions train;
-    std::string model = "{}", model_file, curve_file, license, record, autoencoder_file, regression_file, start_file;
+    std::string model = "{}", model_file, curve_file, license, record, autoencoder_file, regression_file, start_file, dit_file;
 };
 /// Throws Error bad_input: "cuda" without one, and other names.
 at::Device device_of(const std::string& name);

@@ -101,6 +101,7 @@ TrainRequest parse_train_request(const char* text) {
         else if (key == "autoencoder_file") r.autoencoder_file = word();
         else if (key == "regression_file") r.regression_file = word();
         else if (key == "start_file") r.start_file = word();
+        else if (key == "dit_file") r.dit_file = word();
         else if (key == "license") r.license = word();
         else if (key == "record") r.record = value.dump();
         else if (key == "device") r.train.device = device_of(word());
@@ -180,6 +181,7 @@ int vshift_inpaint_train(const char* options_json, vshift_inpaint_sample sample,
                       : !r.start_file.empty()     ? initial_model_with_start(config, r.train.seed, r.start_file)
                                                   : initial_model(config, r.train.seed);
         if (!r.regression_file.empty()) begin_with_regression(model, r.regression_file);
+        if (!r.dit_file.empty()) begin_with_dit(model, r.dit_file, r.train.seed);
         const uint64_t frozen = hash_of(model.vae.weights) ^ hash_of(model.rays);
         bool stopped = false;
         TrainHooks hooks;

@@ -189,6 +189,15 @@ Model initial_model_with_start(const ModelConfig& config, uint64_t seed, const s
 }
 
 Model initial_model(const ModelConfig& config, uint64_t seed, const std::filesystem::path& file) {
+    if (const TensorFiles files(file); !files.metadata().contains("config")) {
+        const auto numbers = size_t(config.vae.z_dim);
+        if (config.vae.mean.size() != numbers || config.vae.std.size() != numbers)
+            refuse(files.file() + ": config: vae: mean, std", std::to_string(config.vae.mean.size()) + " and " + std::to_string(config.vae.std.size()),
+                   "what this autoencoder's latents have, " + std::to_string(numbers) + " numbers each");
+        Model m = initial_model(config, seed);
+        m.vae.weights = load_weights(files, vae_layout(config.vae), Network::vae);
+        return m;
+    }
     const Model trained = load_model(file);
     if (trained.config.kind != Kind::autoencoder || config.kind != Kind::latent_dit)
         refuse(file.string() + ": kind", kind_names[size_t(trained.config.kind)], "an autoencoder, for a latent_dit");
@@ -211,6 +220,27 @@ void begin_with_regression(Model& model, const std::filesystem::path& file) {
     model.weights.at("in.weight").narrow(1, 0, 4 * model.config.unet.out_channels).zero_();
     if (model.config.gives_data && !from.config.gives_data)
         for (const char* name : {"out.weight", "out.bias"}) model.weights.at(name).neg_();
+}
+
+void begin_with_dit(Model& model, const std::filesystem::path& file, uint64_t seed) {
+    const DitConfig& own = model.config.dit;
+    const TensorFiles files(file);
+    if (model.config.kind != Kind::latent_dit || own.text_dim != 0)
+        refuse(files.file() + ": config", json_of(model.config), "a latent_dit with text_dim 0");
+    DitConfig theirs = own;
+    const auto inputs_of = [&](const char* name, int64_t& to) {
+        if (const StoredTensor* t = files.find(name); t && t->shape.size() > 1) to = t->shape[1];
+    };
+    inputs_of("patch_embedding.weight", theirs.in_channels);
+    inputs_of("text_embedding.0.weight", theirs.text_dim);
+    inputs_of("condition_embedder.text_embedder.linear_1.weight", theirs.text_dim);  // Diffusers' name
+    if (theirs.in_channels > own.in_channels)
+        refuse(files.file() + ": patch_embedding.weight", std::to_string(theirs.in_channels) + " channels",
+               "at most the model's " + std::to_string(own.in_channels));
+    model.weights = load_weights(files, dit_layout(theirs), Network::dit);
+    widen_input(model.weights, theirs, own.in_channels, seed);
+    const Layout kept = dit_layout(own);
+    std::erase_if(model.weights, [&](const auto& weight) { return !kept.contains(weight.first); });
 }
 
 Model load_model(const std::filesystem::path& path) {

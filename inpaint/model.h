@@ -62,13 +62,17 @@ struct Model {
 };
 
 Model initial_model(const ModelConfig& config, uint64_t seed);
-/// A latent model with the autoencoder of `file`.
+/// A latent model with the autoencoder of `file`: one that vshift trained, or Wan2.2's under either set of names, whose sizes,
+/// mean and std are then the config's.
 Model initial_model(const ModelConfig& config, uint64_t seed, const std::filesystem::path& file);
 /// A flow with a start: the pixel_rays of `file`.
 Model initial_model_with_start(const ModelConfig& config, uint64_t seed, const std::filesystem::path& file);
 /// Gives a pixel_unet the weights of a regression of the same network: at t = 1 it then predicts what that does, and of
 /// the noise it knows nothing yet.
 void begin_with_regression(Model& model, const std::filesystem::path& file);
+/// Gives a latent_dit the weights of `file`, one or its index: Wan2.2's, under either set of names. Input channels that it
+/// lacks are Kaiming-uniform (paper III-E); its text conditioning is left out.
+void begin_with_dit(Model& model, const std::filesystem::path& file, uint64_t seed);
 /// Config, license and training record lie in the file's metadata; throws Error bad_input for what does not fit.
 Model load_model(const std::filesystem::path& file);
 void save_model(const std::filesystem::path& file, const Model& model, const Weights& weights);

@@ -28,7 +28,7 @@ using nlohmann::ordered_json;
 constexpr const char* depth_kind = "depth";
 
 struct Options {
-    std::string output, streets = "1-12", judge, kind = "pixel_unet", config, autoencoder, regression, start, arm = "virtual_shift", device = "cpu",
+    std::string output, streets = "1-12", judge, kind = "pixel_unet", config, autoencoder, regression, start, dit, arm = "virtual_shift", device = "cpu",
                 precision = "float32";
     std::vector<std::string> judge_also;
     int frames = 2, width = 256, crop = 0, pairs = 1500, steps = 1000, batch = 8, accumulate = 1, threads = 0, checkpoint_every = 100;
@@ -92,7 +92,7 @@ ordered_json depth_config(const Options& o) {
 ordered_json model_config(const Options& o) {
     ordered_json model = {{"kind", o.kind}, {"flow", o.flow}, {"masks", !o.no_masks}, {"depth", !o.no_depth},
                           {"neighbors", inpaint::has_neighbors(arm_of(o.arm))}};
-    model["gives_data"] = o.flow;
+    model["gives_data"] = o.flow && o.dit.empty();  // Wan2.2's output is the velocity
     if (o.kind == "pixel_dit")  // 2.8 million parameters
         model["dit"] = {{"dim", 192}, {"ffn_dim", 640}, {"layers", 6}, {"heads", 4}, {"freq_dim", 64}, {"text_dim", 0},
                         {"patch", {1, 8, 8}}, {"reach", 9}};
@@ -194,10 +194,10 @@ void train(const Options& o, const std::vector<uint32_t>& seeds, const std::vect
         {"model", depth ? depth_config(o) : model_config(o)}, {"steps", o.steps}, {"batch", o.batch}, {"accumulate", o.accumulate},
         {"learning_rate", o.learning_rate}, {"ema", o.ema}, {"seed", o.seed}, {"checkpoint_every", o.checkpoint_every},
         {"checkpoint_file", stem + ".checkpoint.safetensors"}, {"curve_file", stem + ".curve.csv"}, {"model_file", o.output},
-        {"autoencoder_file", o.autoencoder}, {"regression_file", o.regression}, {"start_file", o.start},
+        {"autoencoder_file", o.autoencoder}, {"regression_file", o.regression}, {"start_file", o.start}, {"dit_file", o.dit},
         {"device", o.device}, {"precision", o.precision}, {"license", "Apache-2.0"},
         {"record", {{"data", depth ? "analytic streets, pictures and their true depth" : "analytic streets, virtual shifts of 0.5 to 4 m of recorded views"},
-                    {"arm", depth ? "" : o.arm}, {"begins_with", fs::path(o.regression).filename().string()}, {"streets", o.streets},
+                    {"arm", depth ? "" : o.arm}, {"begins_with", fs::path(o.dit.empty() ? o.regression : o.dit).filename().string()}, {"streets", o.streets},
                     {"frames", o.frames}, {"lanes_m", o.lanes_m}, {"width", o.width}, {"crop", o.crop}, {"pairs", pool.size() ? o.pairs : 0}, {"pixels", pool.size()}, {"views", views}}}};
     const auto seed = uint64_t(o.seed);
     const inpaint::Arm arm = arm_of(o.arm);
@@ -244,6 +244,8 @@ void run(const Options& o) {
     if ((o.kind == "latent_dit") != !o.autoencoder.empty() && !o.judge_only)
         throw Error(ExitCode::bad_input, "usage: --autoencoder: got " + std::string(o.autoencoder.empty() ? "none" : o.autoencoder) +
                                              " for " + o.kind + ", expected one for latent_dit alone");
+    if (!o.dit.empty() && o.kind != "latent_dit")
+        throw Error(ExitCode::bad_input, "usage: --dit: got " + o.dit + " for " + o.kind + ", expected it for latent_dit alone");
     if (o.kind == "autoencoder" && others.empty())
         throw Error(ExitCode::bad_input, "usage: --judge: got none, expected streets to measure the autoencoder on");
     const int threads = o.threads > 0 ? o.threads : inpaint::all_threads();
@@ -294,7 +296,11 @@ void add_train_verb(CLI::App& app) {
                     "picture, for vshift depth")
         ->capture_default_str();
     sub->add_option("--pairs", o->pairs, "that pixel_rays draws its pixels from")->capture_default_str()->check(CLI::Range(1, 1000000));
-    sub->add_option("--autoencoder", o->autoencoder, "a trained one, for latent_dit: frozen, and part of the model");
+    sub->add_option("--autoencoder", o->autoencoder,
+                    "a trained one, for latent_dit: frozen, and part of the model; or Wan2.2's, with its sizes, mean and std in --config");
+    sub->add_option("--dit", o->dit,
+                    "Wan2.2's or Diffusers' weights (.safetensors, or the index), for a latent_dit of their sizes in --config: where its "
+                    "training begins, without their text conditioning");
     sub->add_option("--begin-with", o->regression, "a regression by the same pixel_unet: where a flow's training begins");
     sub->add_option("--start", o->start, "a trained pixel_rays, for a flow in pixels: it begins with what that gives; part of the model");
     sub->add_option("--config", o->config, "JSON file with further fields of the model's config");

@@ -2,7 +2,7 @@
 // The networks against outputs of Wan2.2's and of Diffusers' own implementations, and against themselves in pieces.
 #include <cstdlib>
 
-#include "inpaint/dit.h"
+#include "inpaint/model.h"
 #include "inpaint/vae.h"
 #include "tests/catch.h"
 
@@ -194,6 +194,47 @@ TEST_CASE("DiT: more input channels keep the old ones bit for bit", "[parity]") 
     widen_input(zero.weights, zero.config, 96, 11, true);
     CHECK(worst(dit_forward(zero, at::cat({x, condition}, 1), t), y) < 1e-5);
     CHECK(hash_of(zero.weights) != hash_of(base.weights));
+}
+
+TEST_CASE("latent_dit: begins with Wan2.2's weights of either name, without their text", "[parity][model]") {
+    const fs::path folder(VSHIFT_NETWORK_FIXTURES);
+    ModelConfig c = parse_model_config(R"({"kind":"latent_dit","flow":true,"dit":{"dim":48,"ffn_dim":96,"layers":2,"heads":2,
+        "freq_dim":32,"text_dim":0},"vae":{"dim":4,"dec_dim":4,"z_dim":4,"res_blocks":1}})", "test");
+    Model m = initial_model(c, 3);
+    const Weights fresh = m.weights, theirs = load_weights(TensorFiles(folder / "wan_tiny.safetensors"), dit_layout(tiny_dit()), Network::dit);
+    begin_with_dit(m, folder / "wan_tiny.safetensors", 3);
+    REQUIRE(m.weights.size() == fresh.size());
+    for (const auto& [name, t] : m.weights) {
+        INFO(name);
+        REQUIRE(t.sizes() == fresh.at(name).sizes());
+        CHECK(at::equal(name == "patch_embedding.weight" ? t.narrow(1, 0, 8) : t, theirs.at(name)));
+    }
+    CHECK(m.weights.at("patch_embedding.weight").size(1) == 11);  // latent, condition, two masks, 1/z
+    CHECK(m.weights.at("patch_embedding.weight").narrow(1, 8, 3).abs().min().item<double>() > 0);
+
+    const auto told = [&](const char* config, auto change) {
+        try {
+            Model other = initial_model(parse_model_config(config, "test"), 3);
+            change(other);
+        } catch (const Error& e) {
+            return std::string(e.what());
+        }
+        return std::string();
+    };
+    const auto begin = [&](Model& other) { begin_with_dit(other, folder / "wan_tiny.safetensors", 3); };
+    CHECK(told(R"({"kind":"pixel_dit","dit":{"dim":48,"heads":2,"text_dim":0}})", begin).find("expected a latent_dit") != std::string::npos);
+    CHECK(told(R"({"kind":"latent_dit","dit":{"dim":48,"ffn_dim":96,"layers":3,"heads":2,"freq_dim":32,"text_dim":0},
+        "vae":{"dim":4,"dec_dim":4,"z_dim":4}})", begin).find("blocks.2.") != std::string::npos);
+    CHECK(told(R"({"kind":"latent_dit","dit":{"dim":48,"ffn_dim":96,"layers":2,"heads":2,"freq_dim":32,"text_dim":0},
+        "vae":{"dim":4,"dec_dim":4,"z_dim":2}})", begin).find("at most the model's 7") != std::string::npos);
+
+    // And the autoencoder, here under Diffusers' names.
+    c.vae = parse_vae_config(nlohmann::json::parse(R"({"dim":4,"dec_dim":4,"z_dim":3,"res_blocks":1})"), "test");
+    const fs::path vae = folder / "vae_small.safetensors";
+    CHECK_THROWS_AS(initial_model(c, 3, vae), Error);  // its latents' mean and spread are not in the file
+    c.vae.mean = {0, 0, 0}, c.vae.std = {1, 1, 1};
+    const Weights expected = load_weights(TensorFiles(vae), vae_layout(c.vae), Network::vae);
+    CHECK(hash_of(initial_model(c, 3, vae).vae.weights) == hash_of(expected));
 }
 
 TEST_CASE("DiT: sizes that do not fit are refused", "[parity]") {

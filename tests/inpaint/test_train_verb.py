@@ -175,6 +175,36 @@ class Train(unittest.TestCase):
         done = self.train("vae.safetensors", judge_only=True, judge=101)
         self.assertEqual(done.returncode, 3)
         self.assertIn("expected a model that fills", done.stderr)
+        self.latents_begin_with_weights_of_others()
+
+    def latents_begin_with_weights_of_others(self):
+        """The same networks as Wan2.2's files have them: without config, one file for each."""
+        trained = header(self.folder / "latent.safetensors")
+        config = json.loads(trained.pop("__metadata__")["config"])
+        for prefix, file in (("network.", "dit.safetensors"), ("vae.", "wan_vae.safetensors")):
+            own, data = {}, b""
+            for name, entry in trained.items():
+                if name.startswith(prefix):
+                    values = self.tensor("latent.safetensors", entry)
+                    own[name[len(prefix):]] = {**entry, "data_offsets": [len(data), len(data) + len(values)]}
+                    data += values
+            head = json.dumps(own).encode()
+            (self.folder / file).write_bytes(struct.pack("<Q", len(head)) + head + data)
+        given = self.folder / "wan.json"
+        for vae, code in ({key: value for key, value in config["vae"].items() if key != "mean"}, 3), (config["vae"], 0):
+            given.write_text(json.dumps({"dit": config["dit"], "vae": vae}))
+            done = self.train("of_wan.safetensors", kind="latent_dit", flow=True, autoencoder=self.folder / "wan_vae.safetensors",
+                              dit=self.folder / "dit.safetensors", config=given, steps=1, crop=32, learning_rate=0)
+            self.assertEqual(done.returncode, code, done.stderr)
+            if code:
+                self.assertIn("mean, std: got 0 and 4", done.stderr)
+        got = header(self.folder / "of_wan.safetensors")
+        metadata = got.pop("__metadata__")
+        self.assertFalse(json.loads(metadata["config"])["gives_data"])
+        self.assertEqual(json.loads(metadata["training"])["begins_with"], "dit.safetensors")
+        self.assertEqual(sorted(got), sorted(trained))
+        for name in trained:
+            self.assertEqual(self.tensor("of_wan.safetensors", got[name]), self.tensor("latent.safetensors", trained[name]), name)
 
     def tensor(self, file, entry):
         data = (self.folder / file).read_bytes()
@@ -251,6 +281,7 @@ class Train(unittest.TestCase):
                 ({"streets": "5-1"}, 3, "expected seeds"),
                 ({"judge": "1"}, 3, "trained on"),
                 ({"kind": "latent_dit"}, 3, "--autoencoder"),
+                ({"dit": "x.safetensors"}, 3, "--dit"),
                 ({"kind": "autoencoder"}, 3, "--judge"),
                 ({"arm": "sem"}, 3, "nearest: seam"),
                 ({"kind": "cubic"}, 3, "pixel_unet"),
