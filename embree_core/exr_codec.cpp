@@ -10,9 +10,14 @@
 #include <ImfStringAttribute.h>
 #include <ImfThreading.h>
 #include <half.h>
+#if __has_include(<ImfContextInit.h>)
+#include <ImfContextInit.h>  // from OpenEXR 3.3 on
+#define VSHIFT_EXR_CONTEXT 1
+#endif
 
 #include <algorithm>
 #include <cstring>
+#include <mutex>
 #include <thread>
 
 #include "embree_core/whole_file.h"
@@ -61,11 +66,49 @@ private:
     size_t at_ = 0;
 };
 
-/// A host may have chosen.
-int threads() {
-    if (Imf::globalThreadCount() == 0) Imf::setGlobalThreadCount(int(std::max(1u, std::thread::hardware_concurrency())));
-    return Imf::globalThreadCount();
-}
+/// OpenEXR's threads while one of these lives. A host may have chosen; else there are none before and none after.
+class Threads {
+public:
+    Threads() {
+        const std::lock_guard lock(state);
+        if (users++ == 0 && Imf::globalThreadCount() == 0) {
+            started = int(std::max(1u, std::thread::hardware_concurrency()));
+            Imf::setGlobalThreadCount(started);
+        }
+    }
+    ~Threads() {
+        const std::lock_guard lock(state);
+        if (--users > 0 || started == 0) return;
+        if (Imf::globalThreadCount() == started) Imf::setGlobalThreadCount(0);
+        started = 0;
+    }
+    Threads(const Threads&) = delete;
+    Threads& operator=(const Threads&) = delete;
+    int count() const { return Imf::globalThreadCount(); }
+
+private:
+    static inline std::mutex state;
+    static inline int users = 0, started = 0;
+};
+
+/// A file to read from memory.
+class OpenedFile {
+public:
+    explicit OpenedFile(const std::string& bytes) : memory_(bytes) {}
+    Imf::InputFile& file() { return in_; }
+
+private:
+    Threads threads_;
+    MemoryReader memory_;
+#ifdef VSHIFT_EXR_CONTEXT
+    // It prints what it finds wrong, and throws it as well.
+    Imf::InputFile in_{"the file",
+                       Imf::ContextInitializer().setInputStream(&memory_).setErrorHandler([](exr_const_context_t, exr_result_t, const char*) {}),
+                       threads_.count()};
+#else
+    Imf::InputFile in_{memory_, threads_.count()};
+#endif
+};
 
 size_t place_of(const std::string& name) {
     const size_t at = std::string("RGBAZ").find(name);
@@ -89,8 +132,8 @@ Imf::Slice slice(Imf::PixelType type, void* samples, int width, const Imath::V2i
 void decode_exr(const fs::path& file, const std::string& bytes, const std::vector<std::string>& wanted, Decoded& out) {
     const char* field = "header";
     try {
-        MemoryReader memory(bytes);
-        Imf::InputFile in(memory, threads());
+        OpenedFile opened(bytes);
+        Imf::InputFile& in = opened.file();
         const Imath::Box2i window = in.header().dataWindow();
         const int width = window.max.x - window.min.x + 1, height = window.max.y - window.min.y + 1;
         if (width != out.claim.width || height != out.claim.height) throw std::runtime_error("another size from the decoder");
@@ -156,7 +199,8 @@ std::string encode_exr(const fs::path& file, const Channels& image, const std::v
         }
         MemoryWriter memory;
         {
-            Imf::OutputFile out(memory, header, threads());
+            const Threads threads;
+            Imf::OutputFile out(memory, header, threads.count());
             out.setFrameBuffer(frame);
             out.writePixels(image.height);
         }

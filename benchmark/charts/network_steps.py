@@ -23,7 +23,7 @@ PANELS = (("psnr_db", "PSNR in disocclusions, dB"), ("gradient_share", "gradient
           ("texture_distance", "texture distance (lower is nearer)"))
 COLOURS = ("#0a7fc2", "#d55e00", "#009e73", "#cc79a7", "#6b5b3e", "#b79f00")
 # Three of the classical fills lie close together.
-LABEL_SIDES = {"pushpull": ((-6, 4), "right"), "ns": ((-6, -8), "right")}
+LABEL_SIDES = {"pushpull": ((-6, 4), "right"), "ns": ((-6, 4), "right")}
 MARKERS = ("o", "s", "D", "^", "v", "P")
 
 
