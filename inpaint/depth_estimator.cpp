@@ -7,8 +7,9 @@
 namespace vshift::inpaint {
 
 DepthEstimator::DepthEstimator(const std::string& model_file, bool trust, int threads) {
-    check(network_library().set_threads(threads));
-    check(network_library().depth_model_open(model_file.c_str(), trust, &model_));
+    const NetworkLibrary& library = network_library();
+    check(library.set_threads(threads > 0 ? threads : all_threads()));
+    check(library.depth_model_open(model_file.c_str(), trust, &model_));
 }
 
 DepthEstimator::~DepthEstimator() {

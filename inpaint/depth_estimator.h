@@ -13,7 +13,7 @@ namespace vshift::inpaint {
 class DepthEstimator {
 public:
     /// `trust` lets a TorchScript module, a program of its author, be loaded; without it only safetensors are. Throws
-    /// Error: io_failed without the library or the file, bad_input for what the file holds. `threads`: Torch's, 0: all.
+    /// Error: io_failed without the library or the file, bad_input for what the file holds. `threads`: Torch's, 0: all_threads().
     explicit DepthEstimator(const std::string& model_file, bool trust = false, int threads = 0);
     ~DepthEstimator();
     DepthEstimator(const DepthEstimator&) = delete;

@@ -45,7 +45,7 @@ private:
 NetworkFill::NetworkFill(const std::string& model_file, int steps, uint64_t noise_seed, int threads)
     : steps_(steps), noise_seed_(noise_seed) {
     const NetworkLibrary& library = network_library();
-    check(library.set_threads(threads));
+    check(library.set_threads(threads > 0 ? threads : all_threads()));
     check(library.model_open(model_file.c_str(), &model_));
     const auto config = nlohmann::json::parse(library.model_config(model_), nullptr, false);
     neighbors_ = config.is_object() && config.value("neighbors", false);

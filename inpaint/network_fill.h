@@ -21,7 +21,7 @@ struct NetworkView {
 /// the file holds.
 class NetworkFill {
 public:
-    /// `steps` counts for flow models; `threads` are Torch's, 0: as many as there are cores.
+    /// `steps` counts for flow models; `threads` are Torch's, 0: all_threads().
     explicit NetworkFill(const std::string& model_file, int steps = 1, uint64_t noise_seed = 1, int threads = 0);
     ~NetworkFill();
     NetworkFill(const NetworkFill&) = delete;

@@ -52,7 +52,9 @@ NetworkLibrary load() {
 }  // namespace
 
 int all_threads() {
-    return int(std::max(1u, std::thread::hardware_concurrency()));
+    const char* asked = std::getenv("OMP_NUM_THREADS");
+    const int threads = asked ? std::atoi(asked) : 0;
+    return threads > 0 ? threads : int(std::max(1u, std::thread::hardware_concurrency()));
 }
 
 const NetworkLibrary& network_library() {

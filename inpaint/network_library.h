@@ -31,7 +31,7 @@ struct NetworkLibrary {
     decltype(&vshift_depth_of) depth_of;
 };
 
-/// As many as there are cores.
+/// What OMP_NUM_THREADS says, else as many as there are cores.
 int all_threads();
 
 /// Looks in $VSHIFT_INPAINT_LIBRARY, then in ../lib and . beside the program, then where the system looks. Throws Error

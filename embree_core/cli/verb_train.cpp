@@ -320,7 +320,7 @@ void add_train_verb(CLI::App& app) {
     sub->add_option("--precision", o->precision,
                     "of matrix products and convolutions in training: float32 or bf16; weights, loss and optimizer are float32")
         ->capture_default_str();
-    sub->add_option("--threads", o->threads, "of Torch; 0: all cores")->capture_default_str();
+    sub->add_option("--threads", o->threads, "of Torch; 0: OMP_NUM_THREADS, or all cores")->capture_default_str();
     sub->callback([o] {
         wait_without_spinning();
         run(*o);
