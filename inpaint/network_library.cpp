@@ -66,16 +66,14 @@ void check(int code) {
     if (code != 0) throw Error(ExitCode(code), network_library().last_error());
 }
 
-std::string slow_blas_warning(int threads) {
+void warn_of_slow_blas(int threads) {
     double speed = 0;
     check(network_library().linear_speed(&speed));
-    if (speed >= least_gflop_per_s * threads) return "";
-    char text[200];
-    std::snprintf(text, sizeof text,
-                  "linear layers reach %.1f GFLOP/s on %d threads, expected %d or more: install libopenblas0-openmp, or the "
-                  "machine is busy",
-                  speed, threads, least_gflop_per_s * threads);
-    return text;
+    if (speed >= least_gflop_per_s * threads) return;
+    std::fprintf(stderr,
+                 "vshift: warning: linear layers reach %.1f GFLOP/s on %d threads, expected %d or more: install libopenblas0-openmp, or "
+                 "the machine is busy\n",
+                 speed, threads, least_gflop_per_s * threads);
 }
 
 }  // namespace vshift::inpaint

@@ -41,7 +41,7 @@ const NetworkLibrary& network_library();
 /// Throws what a function's return code and message say; nothing for 0.
 void check(int code);
 
-/// A line that names the package to install when linear layers are slow here (under 25 GFLOP/s a thread); else empty.
-std::string slow_blas_warning(int threads);
+/// Prints a line that names the package to install when linear layers are slow here (under 25 GFLOP/s a thread).
+void warn_of_slow_blas(int threads);
 
 }  // namespace vshift::inpaint

@@ -143,8 +143,7 @@ public:
         if (!in_set_.empty()) remove_stale_temporaries(recipe_.folder());
         if (options.network()) {
             network_ = std::make_unique<inpaint::NetworkFill>(options.model, options.euler_steps);
-            if (const std::string warning = inpaint::slow_blas_warning(inpaint::all_threads()); !warning.empty())
-                std::fprintf(stderr, "vshift: warning: %s\n", warning.c_str());
+            inpaint::warn_of_slow_blas(inpaint::all_threads());
         }
     }
 

@@ -253,8 +253,7 @@ void run(const Options& o) {
     if (o.precision != "float32" && o.precision != "bf16")
         throw Error(ExitCode::bad_input, "usage: --precision: got '" + o.precision + "', expected float32 or bf16");
     inpaint::check(inpaint::network_library().has_device(o.device.c_str()));
-    if (const std::string warning = inpaint::slow_blas_warning(threads); !warning.empty())
-        std::fprintf(stderr, "vshift: warning: %s\n", warning.c_str());
+    inpaint::warn_of_slow_blas(threads);
     if (!o.judge_only) train(o, seeds, others);
     if (others.empty() || o.kind == "autoencoder") return;
     if (o.kind == depth_kind) {
