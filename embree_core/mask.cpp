@@ -9,19 +9,11 @@
 #include <optional>
 #include <utility>
 
-#include "embree_core/ray_filter.h"
 #include "embree_core/sweep.h"
 
 namespace vshift {
 namespace {
 
-// Rays start and end this share of the segment away from its ends. Any value from 1e-6 to 1e-3 gives
-// the same masks; 0 finds the surface itself.
-constexpr double ray_offset = 1e-4;
-// A ray that meets a vertex to the bit can slip between its triangles, even in a robust scene, and a
-// shift along the rows would send every ray from vertex to vertex. So V's centre is missed by this much
-// in pixels of the recorded pixel, along both image axes.
-constexpr glm::dvec2 miss_px{0.001, largest_miss_px};
 // How far the sampling of one camera may misplace a surface that another one sees, in its pixels.
 constexpr double footprint_px = 2.0;
 // The sky is looked at as far as this.
@@ -288,14 +280,15 @@ RecordedMasks masks_of(const Grid<uint8_t>& classes) {
     RecordedMasks out;
     for (Mask* m : {&out.lost, &out.occluded, &out.outside, &out.unknown, &out.unseen})
         *m = Mask(classes.width, classes.height, 0);
-    for (size_t i = 0; i < classes.size(); ++i) {
-        const uint8_t c = classes.data[i];
-        out.occluded.data[i] = c & occluded_bit ? 1 : 0;
-        out.outside.data[i] = c & outside_bit ? 1 : 0;
-        out.unknown.data[i] = c & unknown_bit ? 1 : 0;
-        out.unseen.data[i] = c & unseen_bit ? 1 : 0;
-        out.lost.data[i] = c & (occluded_bit | outside_bit) ? 1 : 0;
-    }
+    const auto tell = [&](Mask& m, uint8_t bits) {
+        std::transform(classes.data.begin(), classes.data.end(), m.data.begin(),
+                       [bits](uint8_t c) { return uint8_t((c & bits) != 0); });
+    };
+    tell(out.occluded, occluded_bit);
+    tell(out.outside, outside_bit);
+    tell(out.unknown, unknown_bit);
+    tell(out.unseen, unseen_bit);
+    tell(out.lost, occluded_bit | outside_bit);
     return out;
 }
 

@@ -22,7 +22,8 @@ inline constexpr float largest_miss_px = 0.0017f;
 
 class RayFilter {
 public:
-    /// The surface of lift.h over 1/z `w`, from which the traced mesh may be off by `slack` and by `slack_share` of it.
+    /// The surface of lift.h over 1/z `w`, from which the traced mesh may be off by `slack` and by `slack_share` (above
+    /// 0) of it.
     struct Surface {
         const Intrinsics& intrinsics;
         const Grid<float>& w;

@@ -140,15 +140,23 @@ bool TracedScene::occluded(const glm::vec3& origin, const glm::vec3& direction, 
     return ray.tfar < 0;
 }
 
-uint32_t TracedScene::occluded(const RayPacket& rays, uint32_t asked) const {
-    if (!impl_) return 0;
+namespace {
+
+#if RTC_VERSION_MAJOR >= 4
+using QueryContext = RTCRayQueryContext;
+#else
+using QueryContext = RTCIntersectContext;
+#endif
+
+/// Casts a packet's rays; those that met anything then end below 0. Returns which were cast. `context`: null or the
+/// caller's own.
+uint32_t cast_packet(RTCScene scene, const RayPacket& rays, uint32_t asked, QueryContext* context, RTCRay8& ray) {
     constexpr int n = RayPacket::size;
-    RTCRay8 ray;
     alignas(32) int valid[n];
     for (int i = 0; i < n; ++i) {
         if (!(rays.t_min[i] < rays.t_max[i])) asked &= ~(1u << i);
         valid[i] = asked >> i & 1 ? -1 : 0;
-        ray.time[i] = 0, ray.mask[i] = 0xffffffffu, ray.id[i] = 0, ray.flags[i] = 0;
+        ray.time[i] = 0, ray.mask[i] = 0xffffffffu, ray.id[i] = uint32_t(i), ray.flags[i] = 0;
     }
     if (!asked) return 0;
     float* const vectors[8] = {ray.org_x, ray.org_y, ray.org_z, ray.dir_x, ray.dir_y, ray.dir_z, ray.tnear, ray.tfar};
@@ -159,13 +167,25 @@ uint32_t TracedScene::occluded(const RayPacket& rays, uint32_t asked) const {
     RTCOccludedArguments arguments;
     rtcInitOccludedArguments(&arguments);
     arguments.flags = RTC_RAY_QUERY_FLAG_COHERENT;
-    rtcOccluded8(valid, impl_->scene, &ray, &arguments);
+    arguments.context = context;
+    rtcOccluded8(valid, scene, &ray, &arguments);
 #else
-    RTCIntersectContext context;
-    rtcInitIntersectContext(&context);
-    context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
-    rtcOccluded8(valid, impl_->scene, &context, &ray);
+    RTCIntersectContext own;
+    if (!context) rtcInitIntersectContext(context = &own);
+    context->flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+    rtcOccluded8(valid, scene, context, &ray);
 #endif
+    return asked;
+}
+
+}  // namespace
+
+uint32_t TracedScene::occluded(const RayPacket& rays, uint32_t asked) const {
+    if (!impl_) return 0;
+    constexpr int n = RayPacket::size;
+    RTCRay8 ray;
+    asked = cast_packet(impl_->scene, rays, asked, nullptr, ray);
+    if (!asked) return 0;
     uint32_t met = 0;
     for (int i = 0; i < n; ++i) met |= uint32_t(ray.tfar[i] < 0) << i;
     return met & asked;
@@ -187,6 +207,87 @@ Hit TracedScene::intersect(const glm::vec3& origin, const glm::vec3& direction, 
 #endif
     if (rayhit.hit.geomID == RTC_INVALID_GEOMETRY_ID) return {};
     return {rayhit.ray.tfar, rayhit.hit.primID, {rayhit.hit.Ng_x, rayhit.hit.Ng_y, rayhit.hit.Ng_z}};
+}
+
+struct TracedBoxes::Impl {
+    RTCScene scene = nullptr;
+    size_t bytes = 0;
+    ~Impl() { rtcReleaseScene(scene); }
+};
+
+TracedBoxes::TracedBoxes() = default;
+TracedBoxes::~TracedBoxes() = default;
+TracedBoxes::TracedBoxes(TracedBoxes&&) noexcept = default;
+TracedBoxes& TracedBoxes::operator=(TracedBoxes&&) noexcept = default;
+
+namespace {
+
+/// One packet's query; Embree hands its context to the callback.
+struct BoxQuery {
+    QueryContext context;
+    void* test;
+    uint32_t (*call)(void*, uint32_t, uint32_t);
+};
+
+void bounds_of_box(const RTCBoundsFunctionArguments* of) {
+    const auto& box = static_cast<const TracedBoxes::Box*>(of->geometryUserPtr)[of->primID];
+    RTCBounds& out = *of->bounds_o;
+    out.lower_x = box.low.x, out.lower_y = box.low.y, out.lower_z = box.low.z;
+    out.upper_x = box.high.x, out.upper_y = box.high.y, out.upper_z = box.high.z;
+}
+
+void test_box(const RTCOccludedFunctionNArguments* at) {
+    uint32_t passing = 0;
+    for (uint32_t i = 0; i < at->N; ++i)
+        if (at->valid[i]) passing |= 1u << RTCRayN_id(at->ray, at->N, i);
+    if (!passing) return;
+    const auto* query = reinterpret_cast<const BoxQuery*>(at->context);
+    const uint32_t done = query->call(query->test, at->primID, passing);
+    if (!done) return;
+    for (uint32_t i = 0; i < at->N; ++i)
+        if (at->valid[i] && done >> RTCRayN_id(at->ray, at->N, i) & 1)
+            RTCRayN_tfar(at->ray, at->N, i) = -std::numeric_limits<float>::infinity();
+}
+
+}  // namespace
+
+TracedBoxes::TracedBoxes(std::span<const Box> boxes) {
+    if (boxes.empty()) return;
+    device();
+    const int64_t held_before = held_bytes;
+    impl_ = std::make_unique<Impl>();
+    RTCGeometry geometry = rtcNewGeometry(device(), RTC_GEOMETRY_TYPE_USER);
+    rtcSetGeometryUserPrimitiveCount(geometry, unsigned(boxes.size()));
+    rtcSetGeometryUserData(geometry, const_cast<Box*>(boxes.data()));  // asked for only while it is built
+    rtcSetGeometryBoundsFunction(geometry, bounds_of_box, nullptr);
+    rtcSetGeometryOccludedFunction(geometry, test_box);
+    rtcSetGeometryMask(geometry, 0xffffffffu);
+    rtcCommitGeometry(geometry);
+    impl_->scene = rtcNewScene(device());
+    rtcSetSceneFlags(impl_->scene, RTC_SCENE_FLAG_ROBUST);
+    rtcSetSceneBuildQuality(impl_->scene, RTC_BUILD_QUALITY_MEDIUM);
+    rtcAttachGeometry(impl_->scene, geometry);
+    rtcReleaseGeometry(geometry);
+    rtcCommitScene(impl_->scene);
+    check("build");
+    impl_->bytes = size_t(std::max<int64_t>(0, held_bytes - held_before));
+}
+
+size_t TracedBoxes::bytes() const {
+    return impl_ ? impl_->bytes : 0;
+}
+
+void TracedBoxes::visit(const RayPacket& rays, uint32_t asked, void* test, Call call) const {
+    if (!impl_) return;
+    BoxQuery query;
+#if RTC_VERSION_MAJOR >= 4
+    rtcInitRayQueryContext(&query.context);
+#else
+    rtcInitIntersectContext(&query.context);
+#endif
+    query.test = test, query.call = call;
+    RTCRay8 ray;
+    cast_packet(impl_->scene, rays, asked, &query.context, ray);
 }
 
 std::string tracer_version() {

@@ -8,6 +8,7 @@
 #include <memory>
 #include <span>
 #include <string>
+#include <type_traits>
 
 #include "embree_core/lift.h"
 
@@ -69,6 +70,37 @@ public:
     }
 
 private:
+    struct Impl;
+    std::unique_ptr<Impl> impl_;
+};
+
+/// Boxes that rays pass; what is in them the caller tests. Safe to use from any number of threads.
+class TracedBoxes {
+public:
+    struct Box {
+        glm::vec3 low, high;
+    };
+    TracedBoxes();  ///< none
+    explicit TracedBoxes(std::span<const Box> boxes);
+    ~TracedBoxes();
+    TracedBoxes(TracedBoxes&&) noexcept;
+    TracedBoxes& operator=(TracedBoxes&&) noexcept;
+
+    size_t bytes() const;  ///< as of a TracedScene
+
+    /// Calls `test(box, rays)` for boxes that rays of bit mask `asked` may pass, in any order; it returns those that
+    /// need go no further.
+    template <class Test>
+    void visit(const RayPacket& rays, uint32_t asked, Test&& test) const {
+        visit(rays, asked, const_cast<void*>(static_cast<const void*>(&test)),
+              [](void* own, uint32_t box, uint32_t passing) -> uint32_t {
+                  return (*static_cast<std::remove_reference_t<Test>*>(own))(box, passing);
+              });
+    }
+
+private:
+    using Call = uint32_t (*)(void* test, uint32_t box, uint32_t rays);
+    void visit(const RayPacket& rays, uint32_t asked, void* test, Call call) const;
     struct Impl;
     std::unique_ptr<Impl> impl_;
 };
