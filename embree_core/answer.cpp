@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "embree_core/answer_views.h"
+#include "embree_core/field_mask.h"
 #include "embree_core/mask.h"
 #include "embree_core/sweep.h"
 #include "embree_core/version.h"
@@ -146,6 +147,27 @@ void sweep_answer(const Views& views, const Request& request, FrameFiles& files,
     }
 }
 
+/// A mask from the own depth map by rays against its height field.
+void field_answer(const Views& views, const Request& request, FrameFiles& files, Answer& out) {
+    auto start = Clock::now();
+    const DepthMap& depth = files.depth(request, views.own.name);
+    out.times.read_ms = ms_since(start);
+    start = Clock::now();
+    const DepthRules rules = files.depth_rules(request, views.own.name);
+    const glm::dvec3& centre_m = views.shifted.world_from_cam.translation_m;
+    SurfaceView surface = surface_view(views.own.intrinsics, views.world_from_own, depth, centre_m, rules);
+    out.times.lift_ms = ms_since(start);
+    start = Clock::now();
+    const FieldView view = field_view(std::move(surface), rules.error, centre_m);
+    out.times.build_ms = ms_since(start);
+    out.invalid_px = view.surface.invalid_px, out.sky_px = view.surface.sky_px;
+    out.tiles = view.field.tiles(), out.bvh_bytes = view.field.bytes();
+    note_centre(views, view.surface.inverse_depth, view.surface.tears, out);
+    start = Clock::now();
+    add_mask(mask(view, depth, views.shifted, request.clear_m), out.image);
+    out.times.cast_ms = ms_since(start);
+}
+
 /// A mask, from lifted meshes by casting rays.
 void cast_answer(const Recipe& recipe, const Views& views, const Request& request, FrameFiles& files, Answer& out) {
     const LiftedRig rig = lifted_rig(recipe, views, request, files, out);
@@ -169,6 +191,8 @@ Answer answer(const Recipe& recipe, const Request& request, FrameFiles& files) {
     const std::string method = chosen_method(request);
     if (method == "sweep")
         sweep_answer(views, request, files, out);
+    else if (request.out == "mask" && request.from == Source::self && request.tolerance_px > 0)
+        field_answer(views, request, files, out);
     else if (request.out == "mask")
         cast_answer(recipe, views, request, files, out);
     else

@@ -49,6 +49,7 @@ struct Answer {
     uint64_t sky_px = 0;
     uint64_t kept_quads = 0, torn_quads = 0;  ///< over all views that were lifted
     uint64_t triangles = 0;                   ///< of both kinds, likewise
+    uint64_t tiles = 0;                       ///< of the height field, where there is no mesh
     uint64_t bvh_bytes = 0;                   ///< what the ray tracer held for them
     bool centre_hidden = false;               ///< V's centre lies behind what the own camera saw: hidden space
     AnswerTimes times;

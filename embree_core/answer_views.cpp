@@ -9,16 +9,17 @@
 #include "embree_core/sweep.h"
 
 namespace vshift {
-namespace {
-
-bool is_recorded(const Request& request) {
-    return chosen_view(request) == "recorded";
-}
 
 void note_centre(const Views& views, const Grid<float>& w, const Grid<uint8_t>& tears, Answer& out) {
     const glm::dvec3 centre = inverse(views.world_from_own).point(views.shifted.world_from_cam.translation_m);
     if (const auto u = project(views.own.intrinsics, centre); u && centre.z > 1e-6)
         out.centre_hidden = 1.0 / centre.z < double(surface_inverse_depth(w, tears, *u));
+}
+
+namespace {
+
+bool is_recorded(const Request& request) {
+    return chosen_view(request) == "recorded";
 }
 
 /// The cameras' geometry, rasterised or lifted, in the order of `cameras`.
@@ -239,11 +240,9 @@ LiftedRig lifted_rig(const Recipe& recipe, const Views& views, const Request& re
         start = Clock::now();
         if (camera->name == views.own.name) rig.own = int(rig.views.size());
         const Pose world_from_cam = recipe.world_from_cam(camera->name, request.frame);
-        // One camera's mask under a tolerance asks for no more of the mesh than its rays can meet.
-        const bool one_mask = request.out == "mask" && request.from == Source::self && request.tolerance_px > 0;
-        LiftedMesh mesh = (one_mask ? lift_for_mask : lift_towards)(
-            camera->intrinsics, world_from_cam, depth, views.shifted.world_from_cam.translation_m, request.tolerance_px,
-            files.depth_rules(request, camera->name));
+        LiftedMesh mesh =
+            lift_towards(camera->intrinsics, world_from_cam, depth, views.shifted.world_from_cam.translation_m,
+                         request.tolerance_px, files.depth_rules(request, camera->name));
         out.times.lift_ms += ms_since(start);
         start = Clock::now();
         rig.views.push_back(build_view(camera->name, world_from_cam, std::move(mesh)));

@@ -37,6 +37,9 @@ bool has_colors(const Request& request);
 /// Whose depth maps answer the request.
 std::vector<const CameraSpec*> cameras_used(const Recipe& recipe, const Request& request);
 
+/// Says in `out` whether V's centre lies behind what the own camera saw: 1/z and tears of its surface.
+void note_centre(const Views& views, const Grid<float>& w, const Grid<uint8_t>& tears, Answer& out);
+
 /// Those cameras lifted and ready to trace; counts and times go to `out`.
 LiftedRig lifted_rig(const Recipe& recipe, const Views& views, const Request& request, FrameFiles& files, Answer& out);
 

@@ -96,10 +96,6 @@ void collapse_level(const SurfaceField& field, CellPlan& plan) {
     };
     tbb::parallel_for(0, blocks.height, [&](int by) {
         for (int bx = 0; bx < blocks.width; ++bx) {
-            if (!plan.square_near(bx << level, by << level)) {
-                bx |= (1 << (most_levels - level)) - 1;  // the square's last
-                continue;
-            }
             const int x = 2 * bx, y = 2 * by;
             if (!child(x, y) || !child(x + 1, y) || !child(x, y + 1) || !child(x + 1, y + 1)) continue;
             blocks.at(bx, by) = is_flat<level>(field.w, bx, by, plan.bound);
@@ -111,30 +107,11 @@ void collapse_level(const SurfaceField& field, CellPlan& plan) {
 
 }  // namespace
 
-CellPlan plan_cells(const SurfaceField& field, float bound, const RayFilter* filter) {
+CellPlan plan_cells(const SurfaceField& field, float bound) {
     CellPlan plan;
     plan.bound = bound;
-    plan.filter = filter;
     const Grid<float>& w = field.w;
     const int width = w.width, height = w.height;
-    if (filter) {
-        constexpr int side = 1 << most_levels;
-        plan.wanted_squares = Grid<uint8_t>((width + side - 1) / side, (height + side - 1) / side, 0);
-        plan.near_squares = plan.asked_squares = plan.wanted_squares;
-        const int columns = plan.wanted_squares.width, rows = plan.wanted_squares.height;
-        tbb::parallel_for(0, rows, [&](int sy) {
-            for (int y = sy * side; y < std::min((sy + 1) * side, height); ++y)
-                for (int x = 0; x < width; x += RayFilter::cells) {
-                    if (filter->meets(x, y)) plan.wanted_squares.at(x / side, sy) = 1;
-                    if (filter->asks(x, y)) plan.asked_squares.at(x / side, sy) = 1;
-                }
-        });
-        for (int y = 0; y < rows; ++y)
-            for (int x = 0; x < columns; ++x)
-                for (int ny = std::max(0, y - 1); ny <= std::min(rows - 1, y + 1); ++ny)
-                    for (int nx = std::max(0, x - 1); nx <= std::min(columns - 1, x + 1); ++nx)
-                        plan.near_squares.at(x, y) |= plan.wanted_squares.at(nx, ny) | plan.asked_squares.at(nx, ny);
-    }
     plan.kinds = Grid<uint8_t>(width + 1, height + 1, split_kind);
     static_assert(whole_kind == 2 && split_kind == 0);
     tbb::parallel_for(-1, height, [&](int y) {
@@ -145,10 +122,6 @@ CellPlan plan_cells(const SurfaceField& field, float bound, const RayFilter* fil
         }
         if (!(bound > 0)) return;
         for (int x = -1; x < width; ++x) {
-            if (!plan.square_near(x, y)) {
-                x = (((x >> most_levels) + 1) << most_levels) - 1;  // the square's last
-                continue;
-            }
             uint8_t& kind = plan.kinds.at(x + 1, y + 1);
             if (kind == split_kind && !field.empty(x, y) && parts_are_flat(field, x, y, bound)) kind = merged_kind;
         }

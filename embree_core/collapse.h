@@ -8,7 +8,6 @@
 #pragma once
 #include <vector>
 
-#include "embree_core/ray_filter.h"
 #include "embree_core/surface_field.h"
 
 namespace vshift {
@@ -22,18 +21,7 @@ struct CellPlan {
     std::vector<Grid<uint8_t>> collapsed;
     /// How much 1/z may change; 0: nothing collapses.
     float bound = 0;
-    /// Null: the whole mesh is wanted.
-    const RayFilter* filter = nullptr;
-    /// With a filter: which squares of 2^most_levels cells hold a cell that is wanted, which a pixel that asks, and
-    /// which lie beside either. Others are not planned.
-    Grid<uint8_t> wanted_squares, asked_squares, near_squares;
 
-    bool wanted(int x, int y) const { return !filter || filter->meets(x, y); }
-    bool square_wanted(int x, int y) const { return square(wanted_squares, x, y); }
-    bool square_asked(int x, int y) const { return square(asked_squares, x, y); }
-    bool square_near(int x, int y) const { return square(near_squares, x, y); }
-
-    static bool square(const Grid<uint8_t>& squares, int x, int y);
     uint8_t kind(int x, int y) const { return kinds.at(x + 1, y + 1); }
     bool is_collapsed(int level, int block_x, int block_y) const {
         const Grid<uint8_t>& blocks = collapsed[size_t(level) - 1];
@@ -49,14 +37,10 @@ struct CellPlan {
 };
 
 /// `bound` is in 1/z.
-CellPlan plan_cells(const SurfaceField& field, float bound, const RayFilter* filter = nullptr);
+CellPlan plan_cells(const SurfaceField& field, float bound);
 
 // Blocks of 32 x 32 cells: on streets there are so few of them that larger ones save next to nothing.
 inline constexpr int most_levels = 5;
-
-inline bool CellPlan::square(const Grid<uint8_t>& squares, int x, int y) {
-    return squares.size() == 0 || squares.at(std::max(x, 0) >> most_levels, std::max(y, 0) >> most_levels);
-}
 
 /// The border of a collapsed block as the neighbours see it: on each side, in ring order, where its vertices
 /// stand, in half pixels from the side's first corner, which is the first of them.

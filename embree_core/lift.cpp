@@ -40,9 +40,6 @@ void snap_pixels(LiftedMesh& mesh, const CellPlan& plan) {
             if (y >= plan.collapsed[size_t(level) - 1].height) break;
             for (int x = 0; x < plan.collapsed[size_t(level) - 1].width; ++x) {
                 if (!plan.is_collapsed(level, x, y)) continue;
-                const int n = 1 << level;
-                // Asked pixels start on the mesh, and look at the surface beside them.
-                if (plan.filter && !plan.filter->asks_any(x * n - 1, y * n - 1, x * n + n, y * n + n)) continue;
                 if (level < int(plan.collapsed.size()) && plan.is_collapsed(level + 1, x >> 1, y >> 1)) continue;
                 snap_block(mesh.inverse_depth, plan, level, x, y, [&](int px, int py) {
                     const size_t at = size_t(py) * size_t(k.width) + size_t(px);
@@ -190,9 +187,7 @@ LiftedMesh lift(const Intrinsics& intrinsics, const DepthMap& depth, const LiftO
     const float bound =
         options.tolerance_px > 0 ? float(std::min(options.tolerance_px / px_per_inverse_depth, 1e30)) : 0;
     mesh.bound = bound;
-    if (options.only_for_m && mesh.error.none())
-        mesh.filter = std::make_shared<const RayFilter>(mesh.surface(), *options.only_for_m);
-    const CellPlan plan = plan_cells({mesh.inverse_depth, mesh.tears}, bound, mesh.filter.get());
+    const CellPlan plan = plan_cells({mesh.inverse_depth, mesh.tears}, bound);
     build_mesh(mesh, plan);
     snap_pixels(mesh, plan);
     return mesh;

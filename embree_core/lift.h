@@ -19,7 +19,6 @@
 #include <array>
 #include <cstdint>
 #include <memory>
-#include <optional>
 #include <vector>
 
 #include "embree_core/camera.h"
@@ -37,9 +36,6 @@ struct LiftOptions {
     /// How far a point of the surface may move, in pixels of disparity at `baseline_m`, for the sake of
     /// fewer triangles. 0: every pixel is a vertex.
     double tolerance_px = 0;
-    /// Only what a mask asked from there needs, in the camera's frame: the triangles and walls that its rays can meet,
-    /// and the vertices of those and of the pixels that ask. Only where depth is exact (rules.error).
-    std::optional<glm::dvec3> only_for_m{};
 };
 
 /// However small the shift: collapsing moves no surface by more than about this share of its 1/z.
@@ -85,9 +81,6 @@ struct LiftedMesh {
     uint64_t sky_px = 0;
     DepthMap depth;   ///< as recorded
     float bound = 0;  ///< 1/z of the mesh may be off by this for the sake of fewer triangles
-
-    /// Set where the mesh is made for one mask alone.
-    std::shared_ptr<const RayFilter> filter;
 
     RayFilter::Surface surface() const {
         return {intrinsics, inverse_depth, tears, wall_top, 2 * bound, 2 * largest_share, error};

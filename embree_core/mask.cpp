@@ -232,12 +232,9 @@ RecordedMasks mask(const LiftedRig& rig, const ShiftedCamera& shifted, double cl
     const Pose own_from_shifted = compose(inverse(own.world_from_cam), shifted.world_from_cam);
     const glm::dvec3 centre = own_from_shifted.translation_m;
     const bool still = glm::length(centre) < 1e-9;  // V sees what R saw
-    std::shared_ptr<const RayFilter> filter = own.mesh.filter;
-    if (filter && (casting == Casting::everywhere || rig.views.size() > 1 ||
-                   glm::length(filter->centre_m() - centre) > 1e-9 * glm::length(centre)))
-        throw Error(ExitCode::our_bug, "mask: got a mesh that was made for one mask alone, expected a whole one");
-    if (!filter && casting == Casting::where_needed && !still)
-        filter = std::make_shared<const RayFilter>(own.mesh.surface(), centre);
+    std::unique_ptr<const RayFilter> filter;
+    if (casting == Casting::where_needed && !still)
+        filter = std::make_unique<const RayFilter>(own.mesh.surface(), centre);
 
     const OwnView view(own, centre, clear_m);
     const PointBits point_bits({k, shifted.intrinsics, own_from_shifted, clear_m});

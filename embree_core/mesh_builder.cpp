@@ -115,10 +115,6 @@ private:
             const uint8_t *above = &plan_.kinds.at(0, y), *below = &plan_.kinds.at(0, y + 1);
             const float* w = &field_.w.at(0, y);
             for (int x = 0; x < width_; ++x) {
-                if (!plan_.square_near(x, y)) {
-                    x |= (1 << most_levels) - 1;  // the square's last
-                    continue;
-                }
                 const bool all_whole = (above[x] & above[x + 1] & below[x] & below[x + 1]) == whole_kind;
                 if (all_whole || !(w[x] > 0)) continue;
                 const uint8_t ways = owned_ways(x, y);
@@ -134,17 +130,9 @@ private:
 
     void write_row(int y) {
         const double ray_y = ray_y_[size_t(2 * y + 1)];
-        // Also the last corners of the squares before.
-        constexpr int side = 1 << most_levels;
-        for (int x = 0; x < width_; x += side) {
-            bool wanted = plan_.square_asked(x, y);
-            for (const int px : {x, x - 1})
-                for (const int py : {y, y - 1}) wanted = wanted || plan_.square_wanted(px, py);
-            if (!wanted) continue;
-            const uint32_t at = pixel(x, y);
-            lifting::kernels().points(&mesh_.depth.data[at], &pixel_ray_x_[size_t(x)], ray_y,
-                                      size_t(std::min(side, width_ - x)), &mesh_.vertices[at].x);
-        }
+        const uint32_t first = pixel(0, y);
+        lifting::kernels().points(&mesh_.depth.data[first], pixel_ray_x_.data(), ray_y, size_t(width_),
+                                  &mesh_.vertices[first].x);
         if (first_of_row_[size_t(y)] == first_of_row_[size_t(y) + 1]) return;
         for (int x = 0; x < width_; ++x)
             for (int way = 0; owned_.at(x, y) >> way; ++way) {
@@ -169,23 +157,17 @@ private:
 
     void emit_row(Band& band, int y) {
         for (int x = -1; x < width_; ++x) {
-            if (!plan_.square_wanted(x, y)) {
-                x |= (1 << most_levels) - 1;  // the square's last
-                continue;
-            }
             if (!whole(x, y)) {
-                if (plan_.wanted(x, y) && !field_.empty(x, y)) emit_torn(band, x, y);
+                if (!field_.empty(x, y)) emit_torn(band, x, y);
                 continue;
             }
             const int level = collapses() ? plan_.level(x, y) : 0;
             if (level == 0) {
-                if (plan_.wanted(x, y)) emit_whole(band, x, y);
+                emit_whole(band, x, y);
                 continue;
             }
             const int inside = (1 << level) - 1;
-            if (!(x & inside) && !(y & inside) &&
-                (!plan_.filter || plan_.filter->meets_any(x, y, x | inside, y | inside)))
-                emit_block(band, level, x >> level, y >> level);
+            if (!(x & inside) && !(y & inside)) emit_block(band, level, x >> level, y >> level);
             x |= inside;  // its last column
         }
     }

@@ -142,7 +142,7 @@ std::vector<float> stays(int count, int size, double centre, double centre_z, bo
 
 }  // namespace
 
-RayFilter::RayFilter(const Surface& surface, const glm::dvec3& centre_m) : centre_m_(centre_m) {
+RayFilter::RayFilter(const Surface& surface, const glm::dvec3& centre_m) {
     static_assert(1 << width_shift == tile_width);
     const Intrinsics& k = surface.intrinsics;
     const Grid<float>& w = surface.w;

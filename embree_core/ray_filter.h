@@ -37,29 +37,23 @@ public:
 
     /// Whether a ray has to tell what hides the pixel's point (the sky's too) from V; else V sees it, past no wall.
     bool asks(int x, int y) const { return asks_.at(x >> width_shift, y >> height_shift_); }
-    /// Whether such a ray may meet the mesh in the cell whose first corner is pixel (x, y), -1 at the border.
-    bool meets(int x, int y) const { return meets_.at(x < 0 ? 0 : x >> width_shift, y < 0 ? 0 : y >> height_shift_); }
-    /// As many cells of a row, from a multiple of it on, are answered alike.
+    /// As many pixels of a row, from a multiple of it on, are answered alike.
     static constexpr int cells = 4;
-    /// The same of any cell, pixel, from (x0, y0) to (x1, y1), the last ones included.
-    bool meets_any(int x0, int y0, int x1, int y1) const { return any(meets_, x0, y0, x1, y1); }
-    bool asks_any(int x0, int y0, int x1, int y1) const { return any(asks_, x0, y0, x1, y1); }
-
-    const glm::dvec3& centre_m() const { return centre_m_; }
+    /// Whether such a ray may meet the surface in any of the cells whose first corners are pixels (x0, y0) to (x1, y1),
+    /// the last one included; the border's are at -1.
+    bool meets_any(int x0, int y0, int x1, int y1) const {
+        x1 = std::min(std::max(x1, 0) >> width_shift, meets_.width - 1);
+        y1 = std::min(std::max(y1, 0) >> height_shift_, meets_.height - 1);
+        for (int y = std::max(y0, 0) >> height_shift_; y <= y1; ++y)
+            for (int x = std::max(x0, 0) >> width_shift; x <= x1; ++x)
+                if (meets_.at(x, y)) return true;
+        return false;
+    }
 
 private:
     static constexpr int width_shift = 2;
     static_assert(1 << width_shift == cells);
-    bool any(const Grid<uint8_t>& tiles, int x0, int y0, int x1, int y1) const {
-        x1 = std::min(std::max(x1, 0) >> width_shift, tiles.width - 1);
-        y1 = std::min(std::max(y1, 0) >> height_shift_, tiles.height - 1);
-        for (int y = std::max(y0, 0) >> height_shift_; y <= y1; ++y)
-            for (int x = std::max(x0, 0) >> width_shift; x <= x1; ++x)
-                if (tiles.at(x, y)) return true;
-        return false;
-    }
     int height_shift_ = 0;
-    glm::dvec3 centre_m_;
     Grid<uint8_t> asks_, meets_;
 };
 

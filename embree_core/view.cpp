@@ -58,28 +58,12 @@ void TracedWalls::crossings(const glm::dvec3& origin, const glm::dvec3& directio
                      [&](double lambda) { t.push_back(stretch->t(lambda)); });
 }
 
-namespace {
-
-LiftOptions options_for(const Pose& world_from_cam, const glm::dvec3& shifted_centre_m, double tolerance_px,
-                        const DepthRules& rules) {
+LiftedMesh lift_towards(const Intrinsics& intrinsics, const Pose& world_from_cam, const DepthMap& depth,
+                        const glm::dvec3& shifted_centre_m, double tolerance_px, const DepthRules& rules) {
     LiftOptions options;
     options.tolerance_px = tolerance_px;
     options.baseline_m = glm::length(shifted_centre_m - world_from_cam.translation_m);
     options.rules = rules;
-    return options;
-}
-
-}  // namespace
-
-LiftedMesh lift_towards(const Intrinsics& intrinsics, const Pose& world_from_cam, const DepthMap& depth,
-                        const glm::dvec3& shifted_centre_m, double tolerance_px, const DepthRules& rules) {
-    return lift(intrinsics, depth, options_for(world_from_cam, shifted_centre_m, tolerance_px, rules));
-}
-
-LiftedMesh lift_for_mask(const Intrinsics& intrinsics, const Pose& world_from_cam, const DepthMap& depth,
-                         const glm::dvec3& shifted_centre_m, double tolerance_px, const DepthRules& rules) {
-    LiftOptions options = options_for(world_from_cam, shifted_centre_m, tolerance_px, rules);
-    options.only_for_m = inverse(world_from_cam).point(shifted_centre_m);
     return lift(intrinsics, depth, options);
 }
 

@@ -45,10 +45,6 @@ struct LiftedView {
 LiftedMesh lift_towards(const Intrinsics& intrinsics, const Pose& world_from_cam, const DepthMap& depth,
                         const glm::dvec3& shifted_centre_m, double tolerance_px = 0, const DepthRules& rules = {});
 
-/// As much of it as a mask of this camera alone, asked from there, needs.
-LiftedMesh lift_for_mask(const Intrinsics& intrinsics, const Pose& world_from_cam, const DepthMap& depth,
-                         const glm::dvec3& shifted_centre_m, double tolerance_px = 0, const DepthRules& rules = {});
-
 /// The mesh, ready to trace.
 LiftedView build_view(const std::string& name, const Pose& world_from_cam, LiftedMesh mesh);
 

@@ -3,12 +3,11 @@
 #include <tbb/global_control.h>
 
 #include <cstring>
-#include <random>
 
-#include "embree_core/ray_filter.h"
 #include "embree_core/surface_field.h"
 #include "tests/catch.h"
 #include "tests/minimal_support.h"
+#include "tests/subjects.h"
 
 using namespace vshift;
 using namespace vshift::minimal;
@@ -16,70 +15,6 @@ using namespace vshift::minimal;
 namespace {
 
 constexpr double tolerances[] = {0, 0.02, 0.1, 0.5};
-
-/// A recorded camera at the origin that looks along z, and a depth map under it.
-struct Subject {
-    std::string name;
-    Intrinsics k;
-    DepthMap depth;
-    glm::dvec3 v_centre;
-
-    double px_per_inverse_depth() const { return std::max(k.fx, k.fy) * glm::length(v_centre); }
-    LiftedView lifted(double tolerance_px) const { return lift_view(name, k, Pose{}, depth, v_centre, tolerance_px); }
-    RecordedMasks masks(double tolerance_px) const {
-        LiftedRig rig;
-        rig.views.push_back(lifted(tolerance_px));
-        return mask(rig, {k, Pose{glm::dmat3(1.0), v_centre}}, clear_m);
-    }
-};
-
-Subject of_disparity(const std::string& name, int width, int height, double (*disparity_px)(double x, double y)) {
-    Subject s{name, {}, DepthMap(width, height), {-1, 0, 0}};
-    s.k.width = width, s.k.height = height;
-    s.k.fx = s.k.fy = 320, s.k.cx = 0.5 * width, s.k.cy = 0.5 * height;
-    for (int y = 0; y < height; ++y)
-        for (int x = 0; x < width; ++x)
-            s.depth.at(x, y) = float(s.px_per_inverse_depth() / disparity_px(x + 0.5, y + 0.5));
-    return s;
-}
-
-// A slanted near wall with a ripple of a fifth of a pixel up to x = 150, before a far wall.
-double ripple_px(double x, double y) {
-    return 0.2 * std::sin(x / 7) * std::sin(y / 5);
-}
-double near_wall_px(double x, double y) {
-    return 60 + 0.11 * x + 0.07 * y;
-}
-double walls_px(double x, double y) {
-    return x < 150 ? near_wall_px(x, y) + ripple_px(x, y) : 20;
-}
-double hills_px(double x, double y) {
-    return 40 + 9 * std::sin(x / 41) * std::cos(y / 29) + 3 * std::sin(x / 11 + y / 17);
-}
-double plane_px(double x, double y) {
-    return 30 + 0.03 * x + 0.05 * y;
-}
-
-std::vector<Subject> subjects() {
-    std::vector<Subject> all{of_disparity("walls", 320, 240, walls_px), of_disparity("hills", 331, 203, hills_px),
-                             of_disparity("plane", 257, 129, plane_px)};
-    for (const std::string& name : scene_names()) {
-        const MinimalScene scene = make_scene(name);
-        const View r = scene.recorded(scene.own), v = scene.shifted(scene.shift, scene.own);
-        all.push_back({name, r.intrinsics, render(scene.world, r).depth,
-                       inverse(r.world_from_cam).point(v.world_from_cam.translation_m)});
-    }
-    // Holes in the depth, sky, and single pixels that stand out.
-    Subject broken = of_disparity("broken", 200, 150, hills_px);
-    std::mt19937 random(3);
-    for (int i = 0; i < 60; ++i) {
-        const int x = int(random() % 190), y = int(random() % 140), size = 1 + int(random() % 9);
-        const float values[] = {0, std::numeric_limits<float>::quiet_NaN(), std::numeric_limits<float>::infinity(), 3};
-        for (int j = 0; j < size * size; ++j) broken.depth.at(x + j % size, y + j / size) = values[i % 4];
-    }
-    all.push_back(broken);
-    return all;
-}
 
 bool is_whole(const LiftedMesh& m, int x, int y) {
     const Grid<float>& w = m.inverse_depth;
@@ -297,86 +232,4 @@ TEST_CASE("a tear that ends within the surface is lifted under any tolerance", "
                 }
             for (const double tolerance : {0.0, 0.02, 0.5, 4.0}) CHECK(s.lifted(tolerance).mesh.kept_triangles > 0);
         }
-}
-
-TEST_CASE("rays where they are needed say what rays everywhere say", "[filter]") {
-    size_t asked = 0, spared = 0;
-    for (const std::string& name : scene_names())
-        for (const Shift& by : {moved(0, 1), moved(0, -2), moved(1, 0), moved(-1.5, 0), moved(0.5, 1, 0.2),
-                                moved(2, -1), moved(0, 0.05), moved(0, 0, 0.5), moved(0, 0)}) {
-            const MinimalScene s = make_scene(name, {320, 240});
-            const Case c = lift_scene(s, by);
-            const RecordedMasks few = mask(c.rig, as_shifted(c.v), clear_m),
-                                all = mask(c.rig, as_shifted(c.v), clear_m, Casting::everywhere);
-            INFO(name << " ahead " << by.translation_m.x << " left " << by.translation_m.y << " up "
-                      << by.translation_m.z);
-            CHECK(differing(few.occluded, all.occluded) + differing(few.unknown, all.unknown) +
-                      differing(few.unseen, all.unseen) + differing(few.outside, all.outside) ==
-                  0);
-            const LiftedView& own = c.rig.views[size_t(c.rig.own)];
-            const RayFilter filter(own.mesh.surface(),
-                                   inverse(own.world_from_cam).point(c.v.world_from_cam.translation_m));
-            for (int y = 0; y < few.lost.height; ++y)
-                for (int x = 0; x < few.lost.width; ++x) ++(filter.asks(x, y) ? asked : spared);
-        }
-    INFO(spared << " spared, " << asked << " asked");
-    CHECK(spared > asked);
-}
-
-TEST_CASE("a mesh made for one mask gives the whole mesh's masks, and less of it", "[filter]") {
-    uint64_t whole = 0, less = 0;
-    for (const Subject& s : subjects())
-        for (const double tolerance : {0.0, 0.02, 0.5})
-            for (const glm::dvec3& centre :
-                 {s.v_centre, glm::dvec3(0.7, 0, 0), glm::dvec3(0.3, -0.2, 0.4), glm::dvec3(-0.1, 0.3, -0.5)}) {
-                const auto masks = [&](LiftedMesh mesh, Casting casting, uint64_t& triangles) {
-                    triangles += mesh.kept_triangles + 2 * mesh.torn.size();
-                    LiftedRig rig;
-                    rig.views.push_back(build_view(s.name, Pose{}, std::move(mesh)));
-                    return mask(rig, {s.k, Pose{glm::dmat3(1.0), centre}}, clear_m, casting);
-                };
-                const RecordedMasks all =
-                    masks(lift_towards(s.k, Pose{}, s.depth, centre, tolerance), Casting::everywhere, whole);
-                RecordedMasks few[2];
-                for (const size_t threads : {1, 2}) {
-                    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
-                    uint64_t counted = 0;
-                    few[threads - 1] = masks(lift_for_mask(s.k, Pose{}, s.depth, centre, tolerance),
-                                             Casting::where_needed, threads == 1 ? less : counted);
-                }
-                INFO(s.name << ", tolerance " << tolerance << ", from " << centre.x << " " << centre.y << " "
-                            << centre.z);
-                for (const char* channel : {"lost", "occluded", "outside", "unknown", "unseen"}) {
-                    CHECK(differing(channel_of(few[0], channel), channel_of(all, channel)) == 0);
-                    CHECK(differing(channel_of(few[0], channel), channel_of(few[1], channel)) == 0);
-                }
-            }
-    INFO(less << " of " << whole << " triangles");
-    CHECK(less < whole);
-}
-
-TEST_CASE("a narrow picture's rays are asked where the surface rises down it", "[filter]") {
-    // Rays leave their row by a third of a pixel over its two pixels, and 1/z rises by up to .5 from row to row.
-    Subject s = of_disparity("narrow", 2, 18, [](double, double) { return 20.0; });
-    s.k.fx = 176.2, s.k.fy = 114.2, s.k.cx = 1.85, s.k.cy = 5.14;
-    for (int y = 3; y < 18; ++y) s.depth.at(1, y) = float(3.45 - 0.2075 * (y - 3));
-    const glm::dvec3 centre(-1.1, 0.26, 0.38);
-    const auto masks = [&](LiftedMesh mesh, Casting casting) {
-        LiftedRig rig;
-        rig.views.push_back(build_view(s.name, Pose{}, std::move(mesh)));
-        return mask(rig, {s.k, Pose{glm::dmat3(1.0), centre}}, clear_m, casting);
-    };
-    const RecordedMasks all = masks(lift_towards(s.k, Pose{}, s.depth, centre, 0.02), Casting::everywhere),
-                        few = masks(lift_for_mask(s.k, Pose{}, s.depth, centre, 0.02), Casting::where_needed);
-    CHECK(count(all.occluded) >= 8);
-    for (const char* channel : {"lost", "occluded", "outside", "unknown", "unseen"})
-        CHECK(differing(channel_of(few, channel), channel_of(all, channel)) == 0);
-}
-
-TEST_CASE("a mesh made for one mask answers no other", "[filter]") {
-    const Subject s = of_disparity("walls", 160, 120, walls_px);
-    LiftedRig rig;
-    rig.views.push_back(build_view(s.name, Pose{}, lift_for_mask(s.k, Pose{}, s.depth, s.v_centre, 0.02)));
-    CHECK_THROWS_AS(mask(rig, {s.k, Pose{glm::dmat3(1.0), glm::dvec3(1, 0, 0)}}, clear_m), Error);
-    CHECK_THROWS_AS(mask(rig, {s.k, Pose{glm::dmat3(1.0), s.v_centre}}, clear_m, Casting::everywhere), Error);
 }

@@ -22,7 +22,7 @@ import tables  # noqa: E402
 STYLE = {"svg.hashsalt": "vshift", "font.size": 10, "axes.grid": True, "grid.color": "#dddddd", "grid.linewidth": .6,
          "axes.axisbelow": True, "axes.spines.top": False, "axes.spines.right": False, "legend.frameon": False,
          "axes.titlesize": 11, "axes.titleweight": "bold", "figure.facecolor": "white"}
-LOOK = {"sweep": ("#d55e00", "o"), "embree_0.1": ("#0a7fc2", "s"), "embree_0.02": ("#56b4e9", "D"), "embree": ("#004d7a", "^"),
+LOOK = {"sweep": ("#d55e00", "o"), "embree_tiles": ("#56b4e9", "D"), "embree_0.1": ("#0a7fc2", "s"), "embree_0.02": ("#7a86c8", "p"), "embree": ("#004d7a", "^"),
         "splat_1": ("#009e73", "v"), "splat_3": ("#7cc6a5", "P"), "ztest_true": ("#8f99a3", "X"),
         "torch_splat": ("#cc79a7", "h"), "trajectorycrafter": ("#8a2b6b", "H"), "ray_cast": ("#e0a800", ">"),
         "brute_force": ("#6b5b3e", "*"), "copy": ("#333333", "|")}
@@ -180,14 +180,14 @@ def line(ax, x, rows, colour, marker, label, style="-"):
                 markerfacecolor="white" if style != "-" else colour)
 
 
-NAMES = {"sweep": "sweep", "embree_0.02": "Embree, adaptive 0.02 px", "embree": "Embree, full resolution",
+NAMES = {"sweep": "sweep", "embree_tiles": "Embree, adaptive: tiles", "embree": "Embree, full resolution",
          "copy": "read depth, write mask"}
 
 
 def draw_cost(bench):
     figure, axes = plt.subplots(1, 3, figsize=(15, 5.6))
     ax = axes[0]
-    for method in ("copy", "sweep", "embree_0.02", "embree"):
+    for method in ("copy", "sweep", "embree_tiles", "embree"):
         for camera, style in (("CAM_FRONT", "-"), ("CAM_FRONT_LEFT", "--")):
             rows = [r for r in bench["resolution"] if r["method"] == method and r["camera"] == camera]
             line(ax, [r["width"] for r in rows], rows, *LOOK[method], NAMES[method] + (", side camera" if style == "--" else ""), style)
@@ -198,7 +198,7 @@ def draw_cost(bench):
     ax.set_title("against resolution", loc="left")
 
     ax = axes[1]
-    for method in ("sweep", "embree_0.02"):
+    for method in ("sweep", "embree_tiles"):
         for threads, style in ((1, "-"), (2, "--")):
             rows = [dict(r, cpu_ms=r["wall_ms"]) for r in bench["cameras"] if r["method"] == method and r["threads"] == threads]
             line(ax, [r["cameras"] for r in rows], rows, *LOOK[method],
@@ -208,7 +208,7 @@ def draw_cost(bench):
     ax.set_title("against the number of cameras (wall time)", loc="left")
 
     ax = axes[2]
-    for method in ("sweep", "embree_0.02"):
+    for method in ("sweep", "embree_tiles"):
         for camera, style in (("CAM_FRONT", "-"), ("CAM_FRONT_LEFT", "--")):
             rows = [r for r in bench["shifts"] if r["method"] == method and r["camera"] == camera and r["along"] == "sideways"]
             line(ax, [r["metres"] for r in rows], rows, *LOOK[method], NAMES[method] + (", side camera" if style == "--" else ""), style)

@@ -72,9 +72,22 @@ def sampling(bench):
 def agreement(bench):
     rows = []
     for row in bench["agreement"]:
+        if row["method"] != "sweep":
+            continue
         rows.append((row["camera"], row["shift"], f"{row['differing_share']:.1e}", f"{row['f1']:.4f}",
                      f"{row['at_silhouette_share']:.0%}"))
     return table(("camera", "shift", "pixels that differ", "F1 between them", "of these at a silhouette"), rows)
+
+
+def tiles(bench):
+    meshes = {(r["method"], r["camera"], r["shift"]): r for r in bench["accuracy"]}
+    rows = []
+    for row in bench["agreement"]:
+        if row["method"] != "embree_tiles":
+            continue
+        held = [meshes[(m, row["camera"], row["shift"])]["bvh_bytes"] for m in ("embree_tiles", "embree_0.02", "embree")]
+        rows.append((row["camera"], row["shift"], f"{row['differing_share']:.1e}", *(f"{b / 1e6:.0f} MB" for b in held)))
+    return table(("camera", "shift", "pixels that differ", "tiles hold", "collapsed mesh", "full mesh"), rows)
 
 
 def carving(bench):
@@ -100,6 +113,9 @@ PARTS = (
     ("Sampling", "The same pixels answered from depth that is sampled more finely: what one sample a pixel costs, "
      "whatever the method. 2 m left and 2 m ahead, two cameras.", sampling),
     ("Sweep against Embree", "`occluded` of both; the picture is differences.png.", agreement),
+    ("Tiles against the full mesh", "`occluded` from the height field in tiles and from the mesh of full resolution; what "
+     "the ray tracer holds for the tiles, their cells included, for the mesh collapsed to 0.02 px and for the full one, "
+     "without the mesh itself.", tiles),
     ("Carving", "Embree at 0.02 px from one camera and from the whole rig.", carving),
 )
 

@@ -144,8 +144,9 @@ void run_case(Bench& bench, Case c, const std::vector<Method>& methods) {
     tbb::parallel_for(size_t(0), methods.size(), [&](size_t i) {
         rows[i] = row_head(methods[i].name, c);
         rows[i].update(score_classes(c, results[i].classes, methods[i].certifies));
-        if (results[i].triangles)
-            rows[i]["triangles"] = results[i].triangles, rows[i]["bvh_bytes"] = results[i].bvh_bytes;
+        if (results[i].triangles) rows[i]["triangles"] = results[i].triangles;
+        if (results[i].tiles) rows[i]["tiles"] = results[i].tiles;
+        if (results[i].bvh_bytes) rows[i]["bvh_bytes"] = results[i].bvh_bytes;
     });
     for (ordered_json& row : rows) bench.out["accuracy"].push_back(std::move(row));
 
@@ -159,10 +160,12 @@ void run_case(Bench& bench, Case c, const std::vector<Method>& methods) {
 
     std::map<std::string, size_t> at;
     for (size_t i = 0; i < methods.size(); ++i) at[methods[i].name] = i;
-    ordered_json agreement = row_head("sweep", c);
-    agreement["against"] = "embree";
-    agreement.update(compared(c, results[at["sweep"]].classes, results[at["embree"]].classes));
-    bench.out["agreement"].push_back(std::move(agreement));
+    for (const char* method : {"sweep", "embree_tiles"}) {
+        ordered_json agreement = row_head(method, c);
+        agreement["against"] = "embree";
+        agreement.update(compared(c, results[at[method]].classes, results[at["embree"]].classes));
+        bench.out["agreement"].push_back(std::move(agreement));
+    }
     if (c.own == 1 && is_two_left(c.shift))
         bench.differences = difference_picture(c, results[at["sweep"]].classes, results[at["embree"]].classes);
 

@@ -25,14 +25,14 @@ tbb::global_control limited_to(int threads) {
 struct Times {
     std::vector<Elapsed> whole;
     std::vector<double> lift_ms, build_ms, cast_ms, splat_ms;
-    uint64_t triangles = 0, bvh_bytes = 0;
+    uint64_t triangles = 0, tiles = 0, bvh_bytes = 0;
 };
 
 void add_stages(const Result& result, Times& times) {
     if (result.lift_ms < 0) return;
     times.lift_ms.push_back(result.lift_ms), times.build_ms.push_back(result.build_ms);
     times.cast_ms.push_back(result.cast_ms);
-    times.triangles = result.triangles, times.bvh_bytes = result.bvh_bytes;
+    times.triangles = result.triangles, times.tiles = result.tiles, times.bvh_bytes = result.bvh_bytes;
 }
 
 /// One round of one method: a run, or several short ones.
@@ -93,6 +93,7 @@ ordered_json timing_row(const std::string& method, const Case& c, int threads, c
                                  {"build", quantile(times.build_ms, 0.5)},
                                  {"cast", quantile(times.cast_ms, 0.5)}};
     if (times.triangles) row["triangles"] = times.triangles, row["bvh_bytes"] = times.bvh_bytes;
+    if (times.tiles) row["tiles"] = times.tiles, row["bvh_bytes"] = times.bvh_bytes;
     if (!times.splat_ms.empty()) row["splat_wall_ms"] = quantile(times.splat_ms, 0.5);
     if (method == "brute_force") row["extrapolated_from_width"] = brute_force_width;
     return row;
@@ -127,7 +128,7 @@ void plan_resolution(Bench& bench, Plan& plan) {
             std::vector<Method> methods = our_methods();
             methods.push_back(copy_loop());
             for (int own = 0; own < 2; ++own)
-                for (const char* name : {"copy", "sweep", "embree_0.02", "embree"}) {
+                for (const char* name : {"copy", "sweep", "embree_tiles", "embree"}) {
                     if (own > 0 && std::string(name) != "sweep") continue;
                     cost_row(bench, "resolution", named(methods, name), make_question(world, own, moved(0, 2)), 1,
                              width > 1600 ? 1 : 3, {{"width", width}, {"pixels", world.depth[0].size()}});
@@ -148,7 +149,7 @@ void plan_shifts(Bench& bench, Plan& plan) {
         plan.add(0.02 + 1.7 * area, "against the shift", [&bench, shift] {
             const std::vector<Method> methods = our_methods();
             for (int own = 0; own < 2; ++own)
-                for (const char* name : {"sweep", "embree_0.02"})
+                for (const char* name : {"sweep", "embree_tiles"})
                     cost_row(bench, "shifts", named(methods, name), make_question(bench.full(), own, shift), 1, 2,
                              {{"metres", glm::length(shift.translation_m)},
                               {"along", shift.translation_m.x != 0 ? "forward" : "sideways"}});
@@ -160,7 +161,7 @@ void plan_cameras(Bench& bench, Plan& plan) {
     for (int count = 1; count <= 6; ++count)
         plan.add(0.02 + 1.7 * area * count, "against the number of cameras", [&bench, count] {
             const std::vector<Method> methods = our_methods();
-            for (const char* name : {"sweep", "embree_0.02"})
+            for (const char* name : {"sweep", "embree_tiles"})
                 for (const int threads : bench.threads) {
                     const auto limit = limited_to(threads);
                     const Method& method = named(methods, name);

@@ -27,7 +27,7 @@ struct Result {
     Grid<uint8_t> classes;  ///< ClassBits
     RecordedMasks masks;
     double lift_ms = -1, build_ms = -1, cast_ms = -1;  ///< -1: not apart
-    uint64_t triangles = 0, bvh_bytes = 0;
+    uint64_t triangles = 0, tiles = 0, bvh_bytes = 0;
 };
 /// Not part of what is timed.
 void join_classes(Result& result);

@@ -7,6 +7,7 @@
 
 #include "benchmark/engine/methods.h"
 #include "embree_core/condition.h"
+#include "embree_core/field_mask.h"
 
 namespace vshift::bench {
 namespace {
@@ -36,9 +37,8 @@ void count_rays(benchmark::State& state, const Job& job) {
 }
 
 LiftedMesh lifted(const Job& job, double tolerance_px) {
-    return (tolerance_px > 0 ? lift_for_mask : lift_towards)(job.recorded.intrinsics, job.recorded.world_from_cam,
-                                                             *job.depth, job.shifted.world_from_cam.translation_m,
-                                                             tolerance_px, {});
+    return lift_towards(job.recorded.intrinsics, job.recorded.world_from_cam, *job.depth,
+                        job.shifted.world_from_cam.translation_m, tolerance_px);
 }
 
 void lift(benchmark::State& state) {
@@ -76,6 +76,34 @@ void cast(benchmark::State& state) {
     for (auto _ : state) {
         const RecordedMasks masks =
             mask(rig, {at.job.shifted.intrinsics, at.job.shifted.world_from_cam}, at.job.clear_m);
+        benchmark::DoNotOptimize(masks.lost.data.data());
+    }
+    count_rays(state, at.job);
+}
+
+/// The height field's tiles, ready for a mask's rays.
+FieldView tiles(const Job& job) {
+    const glm::dvec3& centre_m = job.shifted.world_from_cam.translation_m;
+    return field_view(surface_view(job.recorded.intrinsics, job.recorded.world_from_cam, *job.depth, centre_m), {},
+                      centre_m);
+}
+void build_tiles(benchmark::State& state) {
+    const Setting at(state.range(0), state.range(1));
+    size_t bytes = 0, count = 0;
+    for (auto _ : state) {
+        const FieldView view = tiles(at.job);
+        bytes = view.field.bytes(), count = view.field.tiles();
+    }
+    state.counters["bvh_MB"] = double(bytes) / 1e6;
+    state.counters["tiles"] = double(count);
+    count_rays(state, at.job);
+}
+void cast_tiles(benchmark::State& state) {
+    const Setting at(state.range(0), state.range(1));
+    const FieldView view = tiles(at.job);
+    for (auto _ : state) {
+        const RecordedMasks masks =
+            mask(view, *at.job.depth, {at.job.shifted.intrinsics, at.job.shifted.world_from_cam}, at.job.clear_m);
         benchmark::DoNotOptimize(masks.lost.data.data());
     }
     count_rays(state, at.job);
@@ -166,6 +194,8 @@ void pictures(benchmark::internal::Benchmark* b) {
 
 BENCHMARK(copy)->Apply(pictures);
 BENCHMARK(sweep)->Apply(pictures);
+BENCHMARK(build_tiles)->Apply(pictures);
+BENCHMARK(cast_tiles)->Apply(pictures);
 void front_pictures(benchmark::internal::Benchmark* b) {
     b->ArgNames({"side", "threads"})->Unit(benchmark::kMillisecond)->UseRealTime()->MeasureProcessCPUTime();
     for (const int64_t threads : {1, 2}) b->Args({front, threads});

@@ -42,6 +42,7 @@ ordered_json row_of(const Request& request, const std::string& shift, const Answ
                         {"kept_quads", a.kept_quads},
                         {"torn_quads", a.torn_quads},
                         {"triangles", a.triangles},
+                        {"tiles", a.tiles},
                         {"bvh_bytes", a.bvh_bytes},
                         {"centre_hidden", a.centre_hidden}};
     for (size_t c = 0; c < a.image.names.size(); ++c) {
