@@ -71,8 +71,9 @@ const DepthMap& FrameFiles::depth(const Request& request, const std::string& cam
     if (!depths_.contains(camera)) {
         const CameraSpec& spec = recipe_.camera(camera);
         if (spec.depth.empty())
-            throw Error(ExitCode::bad_input, recipe_.file.string() + ": " + camera +
-                                                 ": depth: got nothing, expected a depth map (vshift depth makes one from pictures)");
+            throw Error(ExitCode::bad_input,
+                        recipe_.file.string() + ": " + camera +
+                            ": depth: got nothing, expected a depth map (vshift depth makes one from pictures)");
         depths_[camera] = read_depth(recipe_.path(spec.depth, request.frame), spec.depth_channel, spec.depth_scale_m,
                                      spec.intrinsics.width, spec.intrinsics.height, &stored_[camera]);
     }

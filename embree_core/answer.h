@@ -43,9 +43,9 @@ struct AnswerTimes {
 };
 
 struct Answer {
-    Channels image;           ///< channels as in contract order; metadata says what was asked and counted
+    Channels image;             ///< channels as in contract order; metadata says what was asked and counted
     std::vector<float> seam_z;  ///< of a seam in the shifted view: Z of what it shows; inf sky, NaN nothing
-    uint64_t invalid_px = 0;  ///< pixels of the own depth map without a measurement
+    uint64_t invalid_px = 0;    ///< pixels of the own depth map without a measurement
     uint64_t sky_px = 0;
     uint64_t kept_quads = 0, torn_quads = 0;  ///< over all views that were lifted
     uint64_t triangles = 0;                   ///< of both kinds, likewise

@@ -21,7 +21,8 @@ constexpr float endless = 1e30f;
 /// of place is V's homogeneous pixel less c.z times the pixel.
 class Lines {
 public:
-    Lines(const FieldView& view, double clear_m) : view_(view), k_(view.surface.intrinsics), clear_m_(clear_m), per_fx_(1 / k_.fx), per_fy_(1 / k_.fy) {
+    Lines(const FieldView& view, double clear_m)
+        : view_(view), k_(view.surface.intrinsics), clear_m_(clear_m), per_fx_(1 / k_.fx), per_fy_(1 / k_.fy) {
         const glm::dvec3& c = view.centre_m;
         centre_x_ = k_.fx * c.x + (k_.cx - 0.5) * c.z, centre_y_ = k_.fy * c.y + (k_.cy - 0.5) * c.z;
     }
@@ -33,7 +34,8 @@ public:
         if (measured == 0) return set_sky(i, x, y, rays);
         const double w = double(measured) + 2 * double(view_.error.at(measured)), z = 1 / w;
         rays.x[i] = float(x), rays.y[i] = float(y), rays.w[i] = float(w);
-        rays.dx[i] = float(centre_x_ + miss_px.x * z - c.z * x), rays.dy[i] = float(centre_y_ + miss_px.y * z - c.z * y);
+        rays.dx[i] = float(centre_x_ + miss_px.x * z - c.z * x),
+        rays.dy[i] = float(centre_y_ + miss_px.y * z - c.z * y);
         rays.dw[i] = float(1 - c.z * w);
         const auto s = [&](double t) {
             const double left = (1 - t) + t * w * c.z;

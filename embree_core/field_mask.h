@@ -11,8 +11,8 @@ namespace vshift {
 /// One recorded camera, ready for the rays of one mask.
 struct FieldView {
     SurfaceView surface;
-    InverseDepthError error;  ///< of 1/z: rays start as far above the surface
-    glm::dvec3 centre_m;      ///< V's, in the camera's frame
+    InverseDepthError error;                  ///< of 1/z: rays start as far above the surface
+    glm::dvec3 centre_m;                      ///< V's, in the camera's frame
     std::unique_ptr<const RayFilter> filter;  ///< null: every pixel asks
     HeightField field;
 };

@@ -182,8 +182,7 @@ Met HeightField::meet(Rays& rays, uint32_t asked) const {
 size_t HeightField::bytes() const {
     size_t all = boxes_.bytes() + tiles_.size() * sizeof(Tile);
     for (const Cells& row : rows_)
-        all += row.tiles.size() * sizeof(Tile) + row.codes.size() * sizeof(int32_t) +
-               row.w.size() * sizeof(float);
+        all += row.tiles.size() * sizeof(Tile) + row.codes.size() * sizeof(int32_t) + row.w.size() * sizeof(float);
     return all;
 }
 

@@ -134,8 +134,8 @@ HWY_INLINE Met march_lanes(const Surface& surface, const Tile& tile, const Rays&
         V h00, h10, h01, h11;
         M split = none, turned = none;
         if constexpr (coded) {
-            const auto code = hn::GatherIndex(
-                di, tile.codes, hn::ConvertTo(di, hn::Add(hn::Mul(row, set(float(tile_cells))), column)));
+            const auto code = hn::GatherIndex(di, tile.codes,
+                                              hn::ConvertTo(di, hn::Add(hn::Mul(row, set(float(tile_cells))), column)));
             const auto odd = hn::Ne(hn::And(code, hn::Set(di, 1)), hn::Zero(di));
             split = hn::RebindMask(d, odd);
             const auto quarter = hn::ConvertTo(di, hn::Add(hn::Mul(quarter_y, set(16)), hn::Mul(quarter_x, set(8))));
@@ -218,10 +218,10 @@ HWY_INLINE Met march_lanes(const Surface& surface, const Tile& tile, const Rays&
         const V next_x = hn::Add(cell_x, hn::IfThenElseZero(over_x, step_x));
         const V next_y = hn::Add(cell_y, hn::IfThenElseZero(over_y, step_y));
         if constexpr (coded) {
-            quarter_x = hn::IfThenElse(over_x, near_half_x,
-                                       hn::IfThenElse(inner, quarter_x, later_half(place_x, next_x)));
-            quarter_y = hn::IfThenElse(over_y, near_half_y,
-                                       hn::IfThenElse(inner, quarter_y, later_half(place_y, next_y)));
+            quarter_x =
+                hn::IfThenElse(over_x, near_half_x, hn::IfThenElse(inner, quarter_x, later_half(place_x, next_x)));
+            quarter_y =
+                hn::IfThenElse(over_y, near_half_y, hn::IfThenElse(inner, quarter_y, later_half(place_y, next_y)));
         }
         s = s_out;
         const M within = hn::And(hn::And(hn::Ge(next_x, left), hn::Le(next_x, last_x)),

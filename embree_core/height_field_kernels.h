@@ -11,10 +11,10 @@ inline constexpr int packet_rays = 8;  ///< as many as RayPacket holds
 
 /// Square of cells whose first corner is pixel (x, y); the image's border cells begin at -1.
 ///
-/// Where all its cells are whole, `w` is the field at (x, y). Else `codes` tells of each cell, row-major, where its patches
-/// are: 1/z at the corners (0,0), (1,0), (0,1), (1,1) from w[code / 2] on, of the whole cell or, where the code is odd, of
-/// each of its quarters, row-major. A quarter without a surface is flat: sky 0, no measurement wall_top, outside the
-/// image NaN.
+/// Where all its cells are whole, `w` is the field at (x, y). Else `codes` tells of each cell, row-major, where its
+/// patches are: 1/z at the corners (0,0), (1,0), (0,1), (1,1) from w[code / 2] on, of the whole cell or, where the code
+/// is odd, of each of its quarters, row-major. A quarter without a surface is flat: sky 0, no measurement wall_top,
+/// outside the image NaN.
 struct Tile {
     int32_t x, y;
     float low, high;  ///< of 1/z, walls included

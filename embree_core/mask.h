@@ -20,8 +20,8 @@ RecordedMasks masks_of(const Grid<uint8_t>& classes);
 /// Whether pixels that V sees for sure (ray_filter.h) are asked by a ray all the same: slower, the same masks.
 enum class Casting { where_needed, everywhere };
 
-/// Rays end this share of the segment before V, and those against a mesh start as far from its ends. Any value from 1e-6
-/// to 1e-3 gives the same masks; 0 finds the surface itself.
+/// Rays end this share of the segment before V, and those against a mesh start as far from its ends. Any value from
+/// 1e-6 to 1e-3 gives the same masks; 0 finds the surface itself.
 inline constexpr double ray_offset = 1e-4;
 /// A ray that meets a vertex to the bit can slip between its triangles, even in a robust scene, and a shift along the
 /// rows would send every ray from vertex to vertex. So V's centre is missed by this much in pixels of the recorded

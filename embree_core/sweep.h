@@ -8,7 +8,8 @@
 // surface covers its key, unknown when only torn walls do. One pass from V's end answers a whole line.
 //
 // A shift along the image rows is exact: the lines are the pixel rows. Other shifts sample the height field
-// along lines that are half a pixel apart, and each pixel takes the answer of the nearest one.
+// along lines that are half a pixel apart, and each pixel takes the answer of the nearest one. A tear lies midway
+// between two samples, or where the line crosses into the row of pixels beyond it.
 #pragma once
 #include <memory>
 
@@ -26,8 +27,8 @@ struct SweepCamera {
     Pose recorded_from_shifted;  ///< V in R's frame
     double clear_m = 2.0;        ///< radius round V's centre that is taken as free
     DepthRules rules{};
-    float reach_px = 0.5f;       ///< how far a surface goes on past its last pixel's centre: from 0 to 1 it may be
-    double lines_per_px = 1.85;  ///< where lines are not the rows: how close they lie at the image's far border
+    float reach_px = 0.5f;    ///< how far a surface goes on past its last pixel's centre: from 0 to 1 it may be
+    double lines_per_px = 0;  ///< where lines are not the rows, at the image's far border; 0: as the shift asks
 };
 
 /// Keeps its buffers between frames. One sweeper serves one thread; inside it uses all cores.

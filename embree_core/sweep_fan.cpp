@@ -196,11 +196,13 @@ void sweep_fan_line(const SweepCamera& camera, const float* image, Fan& fan, Fan
     };
     const Rays rays{ray_at(first + 0.5), ray_at(first + 0.5 + fan.heading) - ray_at(first + 0.5), c, camera.clear_m};
     rule.place0 = fan.heading > 0 ? first : fan.majors - 1 - first;
-    kernels().sample(image, fan.majors, fan.minors, first, fan.heading, n, float(line.at_zero + 0.5 * line.slope),
-                     float(line.slope), room.line.q());
+    const RowCrossings crossings{
+        image, fan.majors, fan.minors, first, fan.heading, float(line.at_zero + 0.5 * line.slope), float(line.slope)};
+    kernels().sample(image, fan.majors, fan.minors, first, fan.heading, n, crossings.v0, crossings.slope,
+                     room.line.q());
     Horizon& horizon = room.horizon;
     if (from) horizon = *from;
-    LineSweep pass(rule, rays, room.line, n, horizon);
+    LineSweep pass(rule, rays, crossings, room.line, n, horizon);
     size_t at = n;
     if (from) pass.go_on(--at);
     if (inwards)

@@ -146,11 +146,44 @@ struct Rays {
     }
 };
 
+/// Where a line crosses from one row of pixels to the next, which tears between rows hang on.
+struct RowCrossings {
+    const float* image = nullptr;  ///< as `Kernels::sample` reads it; null: the line keeps to a row
+    int stride = 0, rows = 0;
+    int first = 0, step = 1;  ///< column of sample 0, and to the next one
+    float v0 = 0, slope = 0;  ///< the line is at v0 + slope * column, row r from r to r + 1
+
+    /// How far from sample i to i + 1, which are torn apart, the tear lies: midway between their columns, or where the
+    /// line crosses into another row if the pixels there are torn.
+    float place(size_t i) const {
+        constexpr float middle = 0.5f;
+        if (!image) return middle;
+        const int column = first + step * int(i);
+        const float at = slope * float(column) + v0, rise = slope * float(step);
+        const int lower = int(at + 0.5f * rise + 0.5f);  // the border of rows that it is nearest to on its way
+        const float share = (float(lower) - at) / rise;
+        // At a sample itself the line crosses a border for either side of it or for none.
+        if (!(share > 1.0f / 256 && share < 255.0f / 256) || lower < 1 || lower >= rows) return middle;
+        const float* pixel = image + ptrdiff_t(lower - 1) * stride + column + (share < middle ? 0 : step);
+        if (!(std::bit_cast<uint32_t>(*pixel) & 1)) return middle;
+        constexpr float digits = 256;  // few enough for whole keys
+        return float(int(share * digits + 0.5f)) / digits;
+    }
+};
+
 /// A pass over the n samples of a line, from V's end back.
 class LineSweep {
 public:
-    LineSweep(const LineRule& rule, const Rays& rays, Line& line, size_t n, Horizon& horizon)
-        : rule_(rule), rays_(rays), line_(line), q_(line.q()), n_(n), highest_(horizon.highest), gaps_(horizon.gaps) {
+    LineSweep(const LineRule& rule, const Rays& rays, const RowCrossings& crossings, Line& line, size_t n,
+              Horizon& horizon)
+        : rule_(rule),
+          rays_(rays),
+          crossings_(crossings),
+          line_(line),
+          q_(line.q()),
+          n_(n),
+          highest_(horizon.highest),
+          gaps_(horizon.gaps) {
         std::fill_n(q_ + n, padding, std::numeric_limits<float>::quiet_NaN());
         kernels().keys(rule, q_, n, line.key.data(), line.torn.data(), line.rising());
     }
@@ -197,6 +230,7 @@ public:
 private:
     const LineRule& rule_;
     const Rays& rays_;
+    const RowCrossings& crossings_;
     Line& line_;
     float* q_;
     size_t n_;
@@ -258,15 +292,15 @@ private:
         return answer;
     }
 
-    /// Where sample i's own surface ends, `reach` samples towards i + way across a tear (half of one in lift.h).
-    int32_t edge_key(size_t i, int way) const {
+    /// Where sample i's own surface ends, `reach` samples towards i + way across a tear.
+    int32_t edge_key(size_t i, int way, float reach) const {
         const float own = q_[i];
         float q = own;
         if (way > 0 ? i > 0 && joined(i - 1) : i + 1 < n_ && joined(i)) {
             const float other = q_[way > 0 ? i - 1 : i + 1];
-            q = std::clamp(own + rule_.reach * (own - other), 0.5f * own, 2.0f * own);
+            q = std::clamp(own + reach * (own - other), 0.5f * own, 2.0f * own);
         }
-        return key_of(rule_, float(i) + rule_.reach * float(way), q);
+        return key_of(rule_, float(i) + reach * float(way), q);
     }
 
     /// The top of a wall beside a sample without a measurement.
@@ -277,7 +311,7 @@ private:
 
     /// The last sample's surface ends at the border, without a wall: what passes below it came there through one.
     int32_t begin_at_border(size_t i) {
-        const int32_t start = solid(i)     ? edge_key(i, +1)
+        const int32_t start = solid(i)     ? edge_key(i, +1, rule_.reach)
                               : invalid(i) ? top_key(float(i) + 0.5f)
                                            : key_of(rule_, float(i) + 0.5f, 0);
         gaps_.clear();
@@ -288,16 +322,17 @@ private:
 
     /// From sample i + 1 over its surface's end and the wall to where sample i's surface begins.
     int32_t pass_tear(size_t i) {
-        const float middle = float(i) + 0.5f;
+        const bool halves = rule_.reach == 0.5f;  // as in lift.h, both sides reach to the tear
+        const float share = halves ? crossings_.place(i) : 0.5f, middle = float(i) + share;
         int32_t far;
         if (solid(i + 1)) {
-            far = edge_key(i + 1, -1);
+            far = edge_key(i + 1, -1, halves ? 1 - share : rule_.reach);
             ask(line_.key[i + 1], far);
         } else {
             far = invalid(i + 1) ? top_key(middle) : key_of(rule_, middle, 0);
         }
         const int32_t near = invalid(i) ? top_key(middle) : key_of(rule_, middle, 0);
-        int32_t start = solid(i) ? edge_key(i, +1) : near;
+        int32_t start = solid(i) ? edge_key(i, +1, halves ? share : rule_.reach) : near;
         if (rule_.reach == 0 && solid(i)) start = line_.key[i] - 1;  // begins at the sample, and does not face away
         const int32_t top = std::max(start, far);
         if (top > highest_) {

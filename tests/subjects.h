@@ -25,7 +25,8 @@ struct Subject {
     }
 };
 
-inline Subject of_disparity(const std::string& name, int width, int height, double (*disparity_px)(double x, double y)) {
+inline Subject of_disparity(const std::string& name, int width, int height,
+                            double (*disparity_px)(double x, double y)) {
     Subject s{name, {}, DepthMap(width, height), {-1, 0, 0}};
     s.k.width = width, s.k.height = height;
     s.k.fx = s.k.fy = 320, s.k.cx = 0.5 * width, s.k.cy = 0.5 * height;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Masks by rays against the height field of one depth map: against the mesh, from closed forms, and where rays are spared.
+// Masks by rays against the height field of one depth map: against the mesh, from closed forms, and where rays are
+// spared.
 #include <tbb/global_control.h>
 
 #include "embree_core/field_mask.h"
@@ -56,9 +57,10 @@ struct RandomScene {
             const double z = between(0.5, 60), slope_x = between(-.1, .1), slope_y = between(-.1, .1);
             for (int y = y0; y < std::min(y1, k.height); ++y)
                 for (int x = x0; x < std::min(x1, k.width); ++x)
-                    depth.at(x, y) = what == 5   ? std::numeric_limits<float>::infinity()
-                                     : what == 6 ? std::numeric_limits<float>::quiet_NaN()
-                                                 : float(std::max(0.1, z * (1 + slope_x * (x - x0) + slope_y * (y - y0))));
+                    depth.at(x, y) = what == 5 ? std::numeric_limits<float>::infinity()
+                                     : what == 6
+                                         ? std::numeric_limits<float>::quiet_NaN()
+                                         : float(std::max(0.1, z * (1 + slope_x * (x - x0) + slope_y * (y - y0))));
         }
         centre_m = {between(-4, 4), between(-1, 1), between(-3, 3)};
         if (random() % 3 == 0) centre_m = {centre_m.x, 0, 0};

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Masks of one camera without a mesh, by the sweep and by rays against the height field: the same closed forms as the ray
-// caster, the ray caster itself, and threads.
+// Masks of one camera without a mesh, by the sweep and by rays against the height field: the same closed forms as the
+// ray caster, the ray caster itself, and threads.
 #include <tbb/global_control.h>
 
 #include "embree_core/field_mask.h"
@@ -30,8 +30,8 @@ RecordedMasks by_field(const View& r, const View& v, const DepthMap& depth, doub
 struct Engine {
     const char* name;
     RecordedMasks (*masks)(const View& r, const View& v, const DepthMap& depth, double clear);
-    /// Rays miss V's centre by a trifle to one side, which decides where they graze an edge, and whole cells are cut along
-    /// one diagonal: mirrored masks may differ by so many pixels, and are compared where no edge is grazed.
+    /// Rays miss V's centre by a trifle to one side, which decides where they graze an edge, and whole cells are cut
+    /// along one diagonal: mirrored masks may differ by so many pixels, and are compared where no edge is grazed.
     size_t mirror_px;
 
     RecordedMasks operator()(const View& r, const View& v, const DepthMap& depth, double clear = clear_m) const {

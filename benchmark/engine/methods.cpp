@@ -23,13 +23,17 @@ Method sweep() {
 }
 
 Method embree_tiles() {
-    Method m{"embree_tiles", "Embree, adaptive: tiles", "ours",
-             "rays against the height field, in the tiles that they can meet; no mesh", true, true, {}};
+    Method m{"embree_tiles",
+             "Embree, adaptive: tiles",
+             "ours",
+             "rays against the height field, in the tiles that they can meet; no mesh",
+             true,
+             true,
+             {}};
     m.run = [](const Job& job, Result& out) {
         const glm::dvec3& centre_m = job.shifted.world_from_cam.translation_m;
         const Stopwatch lifting;
-        SurfaceView surface =
-            surface_view(job.recorded.intrinsics, job.recorded.world_from_cam, *job.depth, centre_m);
+        SurfaceView surface = surface_view(job.recorded.intrinsics, job.recorded.world_from_cam, *job.depth, centre_m);
         out.lift_ms = lifting.read().wall_ms;
         const Stopwatch building;
         const FieldView view = field_view(std::move(surface), {}, centre_m);
@@ -84,8 +88,7 @@ void join_classes(Result& result) {
 }
 
 std::vector<Method> our_methods() {
-    return {sweep(),
-            embree_tiles(),
+    return {sweep(), embree_tiles(),
             embree("embree_0.1", "Embree, mesh collapsed to 0.1 px", "flat areas collapsed within 0.1 px", 0.1),
             embree("embree_0.02", "Embree, mesh collapsed to 0.02 px", "flat areas collapsed within 0.02 px", 0.02),
             embree("embree", "Embree, full resolution", "one quad per pixel", 0)};

@@ -237,12 +237,14 @@ void add_answer_verbs(CLI::App& app) {
         request_key("--depth_source,--depth-source", "depth_source",
                     "auto, exact, half, mm16, disparity8 or mono: what errors depth has");
         const std::string verb = name;
-        if (verb == "mask") request_key("--certify", "certify", "1: channel `edge`, where a silhouette's sampling decides");
+        if (verb == "mask")
+            request_key("--certify", "certify", "1: channel `edge`, where a silhouette's sampling decides");
         const bool seam = verb == "seam" || verb == "condition";
         if (seam || verb == "warp")
             request_key("--edge", "edge", "drop or keep: the far side's last half pixel at an edge, which mixes both");
         if (verb == "condition") {
-            request_key("--arm", "arm", "virtual_shift, or an ablation: double_warp, literal (recorded), splat (shifted)");
+            request_key("--arm", "arm",
+                        "virtual_shift, or an ablation: double_warp, literal (recorded), splat (shifted)");
             request_key("--stride", "stride", "means over blocks of so many pixels, 1 to 256");
         }
         if (seam) {
