@@ -19,6 +19,8 @@ namespace {
 
 // Rays often run along the border of a tile's box; in packets Embree misses such boxes.
 constexpr float margin_px = 0.01f;
+// Embree leaves out what lies farther off than some 1.8e18: walls beside unmeasured pixels may.
+constexpr float farthest_px = 1e18f;
 
 /// 1/z at a quarter's corners, by corner of the cell (surface_field.h): its own pixel, half the edges from there, the
 /// cell's centre.
@@ -44,7 +46,8 @@ void write_quarters(const SplitCell& cell, const std::array<float, 4>& own, floa
 
 }  // namespace
 
-void HeightField::Cells::add(const SurfaceField& field, float wall_top, const uint8_t* const* kinds, int x, int y) {
+/// Adds the tile of cells from (x, y) on, if it holds anything. `kinds`: of each of its rows of cells, which are whole.
+void HeightField::Row::add(const SurfaceField& field, float wall_top, const uint8_t* const* kinds, int x, int y) {
     const int width = field.w.width, height = field.w.height;
     Tile tile{x, y, std::numeric_limits<float>::infinity(), 0, nullptr, nullptr};
     const auto cover = [&](float value) {
@@ -61,10 +64,10 @@ void HeightField::Cells::add(const SurfaceField& field, float wall_top, const ui
         for (int py = y; py <= y + tile_cells; ++py)
             for (int px = x; px <= x + tile_cells; ++px) cover(field.w.at(px, py));
         tile.w = &field.w.at(x, y);
-        tiles.push_back(tile);
+        made.push_back({tile, 0, 0});
         return;
     }
-    const size_t first = w.size(), first_code = codes.size();
+    const size_t first = values.size(), first_code = codes.size();
     codes.resize(first_code + tile_cells * tile_cells);
     bool solid = false;
     int32_t flats[2] = {0, 0};  // the codes of cells that hold nothing, once there are such
@@ -72,11 +75,11 @@ void HeightField::Cells::add(const SurfaceField& field, float wall_top, const ui
         for (int cx = x; cx < x + tile_cells; ++cx) {
             int32_t& code = codes[first_code + size_t((cy - y) * tile_cells + cx - x)];
             if (is_whole(cx, cy)) {
-                code = int32_t(2 * (w.size() - first));
+                code = int32_t(2 * (values.size() - first));
                 solid = true;
                 const float *upper = &field.w.at(cx, cy), *lower = upper + width;
                 for (const float value : {upper[0], upper[1], lower[0], lower[1]}) {
-                    w.push_back(value);
+                    values.push_back(value);
                     cover(value);
                 }
                 continue;
@@ -94,9 +97,9 @@ void HeightField::Cells::add(const SurfaceField& field, float wall_top, const ui
                 code = flats[invalid];
                 continue;
             }
-            code = int32_t(2 * (w.size() - first) + 1);
-            w.resize(w.size() + 16);
-            float* const written = &w[w.size() - 16];
+            code = int32_t(2 * (values.size() - first) + 1);
+            values.resize(values.size() + 16);
+            float* const written = &values[values.size() - 16];
             if (flat) {
                 flats[invalid] = code;
                 std::fill_n(written, 16, invalid ? wall_top : 0);
@@ -106,14 +109,12 @@ void HeightField::Cells::add(const SurfaceField& field, float wall_top, const ui
             }
             std::for_each_n(written, 16, cover);
         }
-    if (!solid) {
-        w.resize(first), codes.resize(first_code);
-        return;
+    if (solid) {
+        made.push_back({tile, first_code, first});
+    } else {
+        values.resize(first);
+        codes.resize(first_code);
     }
-    // As numbers until the row is complete.
-    tile.w = reinterpret_cast<const float*>(first);
-    tile.codes = reinterpret_cast<const int32_t*>(first_code + 1);
-    tiles.push_back(tile);
 }
 
 HeightField::HeightField(const SurfaceField& field, float wall_top, const RayFilter* filter, float px_per_inverse_depth)
@@ -141,20 +142,21 @@ HeightField::HeightField(const SurfaceField& field, float wall_top, const RayFil
             rows_[row].add(field, wall_top, of.data(), x, y);
         }
     });
-    for (Cells& row : rows_)
-        for (Tile tile : row.tiles) {
-            if (tile.codes) {
-                tile.codes = row.codes.data() + (reinterpret_cast<size_t>(tile.codes) - 1);
-                tile.w = row.w.data() + reinterpret_cast<size_t>(tile.w);
-            }
-            highest_ = std::max(highest_, tile.high);
-            tiles_.push_back(tile);
+    for (Row& row : rows_) {
+        for (Row::Made& made : row.made) {
+            if (!made.tile.w)
+                made.tile.w = &row.values[made.first_value], made.tile.codes = &row.codes[made.first_code];
+            highest_ = std::max(highest_, made.tile.high);
+            tiles_.push_back(made.tile);
         }
+        row.made = {};
+    }
     std::vector<TracedBoxes::Box> boxes;
     boxes.reserve(tiles_.size());
     for (const Tile& tile : tiles_) {
         const glm::vec3 first(tile.x, tile.y, tile.low * px_per_inverse_depth_);
-        const glm::vec3 last(tile.x + tile_cells, tile.y + tile_cells, tile.high * px_per_inverse_depth_);
+        const glm::vec3 last(tile.x + tile_cells, tile.y + tile_cells,
+                             std::min(tile.high * px_per_inverse_depth_, farthest_px));
         boxes.push_back({first - margin_px, last + margin_px});
     }
     boxes_ = TracedBoxes(boxes);
@@ -181,8 +183,7 @@ Met HeightField::meet(Rays& rays, uint32_t asked) const {
 
 size_t HeightField::bytes() const {
     size_t all = boxes_.bytes() + tiles_.size() * sizeof(Tile);
-    for (const Cells& row : rows_)
-        all += row.tiles.size() * sizeof(Tile) + row.codes.size() * sizeof(int32_t) + row.w.size() * sizeof(float);
+    for (const Row& row : rows_) all += row.codes.size() * sizeof(int32_t) + row.values.size() * sizeof(float);
     return all;
 }
 

@@ -35,17 +35,21 @@ public:
     size_t bytes() const;
 
 private:
-    /// Of one row of tiles.
-    struct Cells {
-        std::vector<heights::Tile> tiles;
+    /// What one row of tiles keeps beside the field.
+    struct Row {
+        struct Made {
+            heights::Tile tile;
+            size_t first_code, first_value;  ///< of a tile with codes
+        };
+        std::vector<Made> made;
         std::vector<int32_t> codes;
-        std::vector<float> w;
+        std::vector<float> values;
         void add(const SurfaceField& field, float wall_top, const uint8_t* const* kinds, int x, int y);
     };
     heights::Surface surface_{};
     float px_per_inverse_depth_ = 0;
     float highest_ = 0;
-    std::vector<Cells> rows_;
+    std::vector<Row> rows_;
     std::vector<heights::Tile> tiles_;
     TracedBoxes boxes_;
 };

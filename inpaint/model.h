@@ -49,6 +49,10 @@ struct ModelConfig {
     DitConfig dit;
     VaeConfig vae;
 };
+/// Whether it works on pixels: neither in latents nor an autoencoder.
+inline bool in_pixels(const ModelConfig& config) {
+    return config.kind != Kind::latent_dit && config.kind != Kind::autoencoder;
+}
 /// `file` begins messages. Channel counts follow from the rest and are filled in.
 ModelConfig parse_model_config(const std::string& json, const std::string& file);
 std::string json_of(const ModelConfig& config);
