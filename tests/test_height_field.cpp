@@ -15,14 +15,15 @@ using namespace vshift::minimal;
 namespace {
 
 RecordedMasks by_field(const Intrinsics& k, const DepthMap& depth, const glm::dvec3& centre_m,
-                       Casting casting = Casting::where_needed) {
-    const FieldView view = field_view(surface_view(k, Pose{}, depth, centre_m), {}, centre_m, casting);
+                       Casting casting = Casting::where_needed, const DepthRules& rules = {}) {
+    const FieldView view = field_view(surface_view(k, Pose{}, depth, centre_m, rules), rules.error, centre_m, casting);
     return mask(view, depth, {k, Pose{glm::dmat3(1.0), centre_m}}, clear_m);
 }
 
-RecordedMasks by_mesh(const Intrinsics& k, const DepthMap& depth, const glm::dvec3& centre_m) {
+RecordedMasks by_mesh(const Intrinsics& k, const DepthMap& depth, const glm::dvec3& centre_m,
+                      const DepthRules& rules = {}) {
     LiftedRig rig;
-    rig.views.push_back(lift_view("own", k, Pose{}, depth, centre_m));
+    rig.views.push_back(build_view("own", Pose{}, lift_towards(k, Pose{}, depth, centre_m, 0, rules)));
     return mask(rig, {k, Pose{glm::dmat3(1.0), centre_m}}, clear_m, Casting::everywhere);
 }
 
@@ -87,6 +88,19 @@ TEST_CASE("rays against the height field and against the mesh agree", "[field]")
     }
     INFO(differ << " of " << all << " pixels");
     CHECK(differ * 5000 < all);
+}
+
+TEST_CASE("so they do whatever depth comes from: rays start as far above the surface as it errs", "[field]") {
+    for (const Subject& s : {of_disparity("walls", 320, 240, walls_px), of_disparity("hills", 331, 203, hills_px)})
+        for (const DepthSource source :
+             {DepthSource::half, DepthSource::mm16, DepthSource::disparity8, DepthSource::mono}) {
+            const DepthRules rules = depth_rules(source, s.depth, 0.001);
+            const RecordedMasks field = by_field(s.k, s.depth, s.v_centre, Casting::where_needed, rules),
+                                mesh = by_mesh(s.k, s.depth, s.v_centre, rules);
+            INFO(s.name << ", source " << int(source));
+            CHECK(differing(field, mesh) * 10000 <= s.depth.size());
+            if (source != DepthSource::mono) CHECK(!rules.error.none());
+        }
 }
 
 TEST_CASE("tiles that rays can meet say what the whole height field says, on one thread and two", "[field]") {
