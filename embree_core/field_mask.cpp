@@ -87,7 +87,7 @@ RecordedMasks mask(const FieldView& view, const DepthMap& depth, const ShiftedCa
     const Intrinsics& k = view.surface.intrinsics;
     const Pose own_from_shifted = compose(inverse(view.surface.world_from_cam), shifted.world_from_cam);
     const glm::dvec3& centre = view.centre_m;
-    if (glm::length(own_from_shifted.translation_m - centre) > 1e-9 * glm::length(centre))
+    if (glm::length(own_from_shifted.translation_m - centre) > 1e-6)
         throw Error(ExitCode::our_bug, "mask: got a surface made ready for another place, expected V's");
     const bool still = glm::length(centre) < 1e-9;  // V sees what R saw
     const Lines lines(view, clear_m);
