@@ -3,7 +3,6 @@
 
 #include <tbb/parallel_for.h>
 
-#include <array>
 #include <cmath>
 #include <utility>
 
@@ -96,28 +95,15 @@ RecordedMasks mask(const FieldView& view, const DepthMap& depth, const ShiftedCa
     tbb::parallel_for(0, k.height, [&](int y) {
         uint8_t* row = &classes.at(0, y);
         const float* w = &view.surface.inverse_depth.at(0, y);
-        std::array<int, heights::packet_rays> columns;
         Rays rays;
-        int count = 0;
-        const auto ask = [&] {
+        const auto measured = [&](int x) { return !std::isnan(w[x]); };
+        const auto ask = [&](const int* columns, int count) {
+            for (int i = 0; i < count; ++i) lines.set(size_t(i), columns[i], y, rays);
             const heights::Met met = view.field.meet(rays, (1u << count) - 1);
             for (int i = 0; i < count; ++i)
-                row[columns[size_t(i)]] |= uint8_t(met.kept >> i & 1   ? occluded_bit
-                                                   : met.torn >> i & 1 ? unknown_bit
-                                                                       : 0);
-            count = 0;
+                row[columns[i]] |= uint8_t(met.kept >> i & 1 ? occluded_bit : met.torn >> i & 1 ? unknown_bit : 0);
         };
-        for (int x = 0; x < k.width && !still; ++x) {
-            if (view.filter && !view.filter->asks(x, y)) {
-                x |= RayFilter::cells - 1;  // the last that is answered alike
-                continue;
-            }
-            if (std::isnan(w[x])) continue;
-            lines.set(size_t(count), x, y, rays);
-            columns[size_t(count++)] = x;
-            if (count == heights::packet_rays) ask();
-        }
-        if (count) ask();
+        if (!still) ask_in_packets<heights::packet_rays>(view.filter.get(), k.width, y, measured, ask);
         point_bits.add(depth, y, row);
     });
     return masks_of(classes);

@@ -241,17 +241,9 @@ RecordedMasks mask(const LiftedRig& rig, const ShiftedCamera& shifted, double cl
     Grid<uint8_t> classes(k.width, k.height, 0);
     tbb::parallel_for(0, k.height, [&](int y) {
         uint8_t* row = &classes.at(0, y);
-        std::array<int, RayPacket::size> columns;
-        int count = 0;
-        for (int x = 0; x < k.width && !still; ++x) {
-            if (filter && !filter->asks(x, y)) {
-                x |= RayFilter::cells - 1;  // the last that is answered alike
-                continue;
-            }
-            columns[size_t(count++)] = x;
-            if (count == RayPacket::size) view.ask(columns.data(), std::exchange(count, 0), y, row);
-        }
-        if (count) view.ask(columns.data(), count, y, row);
+        const auto every = [](int) { return true; };
+        const auto ask = [&](const int* columns, int count) { view.ask(columns, count, y, row); };
+        if (!still) ask_in_packets<RayPacket::size>(filter.get(), k.width, y, every, ask);
         point_bits.add(own.mesh.depth, y, row);
         for (int x = 0; x < k.width && rig.views.size() > 1; ++x) {
             const uint8_t before = row[x];

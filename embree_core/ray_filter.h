@@ -9,7 +9,9 @@
 // place and stands nearer than the farthest point that asks there.
 #pragma once
 #include <algorithm>
+#include <array>
 #include <glm/glm.hpp>
+#include <utility>
 
 #include "embree_core/camera.h"
 #include "embree_core/depth_source.h"
@@ -56,5 +58,23 @@ private:
     int height_shift_ = 0;
     Grid<uint8_t> asks_, meets_;
 };
+
+/// Calls `ask(columns, count)` for the pixels of row `y` that ask (`filter` null: all) and are `wanted(x)`, `size` at
+/// most at a time.
+template <int size, class Wanted, class Ask>
+void ask_in_packets(const RayFilter* filter, int width, int y, Wanted&& wanted, Ask&& ask) {
+    std::array<int, size> columns;
+    int count = 0;
+    for (int x = 0; x < width; ++x) {
+        if (filter && !filter->asks(x, y)) {
+            x |= RayFilter::cells - 1;  // the last that is answered alike
+            continue;
+        }
+        if (!wanted(x)) continue;
+        columns[size_t(count++)] = x;
+        if (count == size) ask(columns.data(), std::exchange(count, 0));
+    }
+    if (count) ask(columns.data(), count);
+}
 
 }  // namespace vshift

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "embree_core/c_api.h"
+#include "embree_core/field_mask.h"
 #include "embree_core/holes.h"
 #include "embree_core/mask.h"
 #include "scenes/minimal/minimal.h"
@@ -55,6 +56,14 @@ inline RecordedMasks masks_of(const MinimalScene& s, const Shift& shift, bool wh
     return mask(c.rig, as_shifted(c.v), clear_m);
 }
 
+/// By rays against the height field of R's depth.
+inline RecordedMasks by_field(const View& r, const View& v, const DepthMap& depth, double clear = clear_m,
+                              Casting casting = Casting::where_needed, const DepthRules& rules = {}) {
+    const glm::dvec3& centre_m = v.world_from_cam.translation_m;
+    SurfaceView surface = surface_view(r.intrinsics, r.world_from_cam, depth, centre_m, rules);
+    return mask(field_view(std::move(surface), rules.error, centre_m, casting), depth, as_shifted(v), clear);
+}
+
 inline size_t count(const Mask& m) {
     return size_t(std::count_if(m.data.begin(), m.data.end(), [](uint8_t v) { return v != 0; }));
 }
@@ -63,6 +72,15 @@ inline size_t differing(const Mask& a, const Mask& b) {
     if (a.width != b.width || a.height != b.height) return std::numeric_limits<size_t>::max();
     size_t n = 0;
     for (size_t i = 0; i < a.size(); ++i) n += (a.data[i] != 0) != (b.data[i] != 0);
+    return n;
+}
+
+/// Pixels that differ in any channel.
+inline size_t differing(const RecordedMasks& a, const RecordedMasks& b) {
+    size_t n = 0;
+    for (size_t i = 0; i < a.lost.size(); ++i)
+        n += a.occluded.data[i] != b.occluded.data[i] || a.outside.data[i] != b.outside.data[i] ||
+             a.unknown.data[i] != b.unknown.data[i] || a.unseen.data[i] != b.unseen.data[i];
     return n;
 }
 

@@ -16,8 +16,7 @@ namespace {
 
 RecordedMasks by_field(const Intrinsics& k, const DepthMap& depth, const glm::dvec3& centre_m,
                        Casting casting = Casting::where_needed, const DepthRules& rules = {}) {
-    const FieldView view = field_view(surface_view(k, Pose{}, depth, centre_m, rules), rules.error, centre_m, casting);
-    return mask(view, depth, {k, Pose{glm::dmat3(1.0), centre_m}}, clear_m);
+    return minimal::by_field({k, Pose{}}, {k, Pose{glm::dmat3(1.0), centre_m}}, depth, clear_m, casting, rules);
 }
 
 RecordedMasks by_mesh(const Intrinsics& k, const DepthMap& depth, const glm::dvec3& centre_m,
@@ -25,15 +24,6 @@ RecordedMasks by_mesh(const Intrinsics& k, const DepthMap& depth, const glm::dve
     LiftedRig rig;
     rig.views.push_back(build_view("own", Pose{}, lift_towards(k, Pose{}, depth, centre_m, 0, rules)));
     return mask(rig, {k, Pose{glm::dmat3(1.0), centre_m}}, clear_m, Casting::everywhere);
-}
-
-/// Pixels that differ in any channel.
-size_t differing(const RecordedMasks& a, const RecordedMasks& b) {
-    size_t count = 0;
-    for (size_t i = 0; i < a.lost.size(); ++i)
-        count += a.occluded.data[i] != b.occluded.data[i] || a.unknown.data[i] != b.unknown.data[i] ||
-                 a.unseen.data[i] != b.unseen.data[i] || a.outside.data[i] != b.outside.data[i];
-    return count;
 }
 
 /// A noisy wall with boxes, sky and holes before it, up to 60 x 50 pixels, and where V stands: anywhere within metres,

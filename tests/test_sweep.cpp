@@ -3,7 +3,6 @@
 // ray caster, the ray caster itself, and threads.
 #include <tbb/global_control.h>
 
-#include "embree_core/field_mask.h"
 #include "embree_core/sweep.h"
 #include "tests/catch.h"
 #include "tests/minimal_support.h"
@@ -21,12 +20,6 @@ RecordedMasks swept(const View& r, const View& v, const DepthMap& depth, double 
     return masks_of(classes);
 }
 
-RecordedMasks by_field(const View& r, const View& v, const DepthMap& depth, double clear = clear_m) {
-    const glm::dvec3& centre_m = v.world_from_cam.translation_m;
-    return mask(field_view(surface_view(r.intrinsics, r.world_from_cam, depth, centre_m), {}, centre_m), depth,
-                as_shifted(v), clear);
-}
-
 struct Engine {
     const char* name;
     RecordedMasks (*masks)(const View& r, const View& v, const DepthMap& depth, double clear);
@@ -42,23 +35,16 @@ struct Engine {
         return masks(r, s.shifted(shift, s.own), render(s.world, r).depth, clear_m);
     }
 };
-const Engine engines[] = {{"sweep", swept, 0}, {"tiles", by_field, 8}};
+RecordedMasks in_tiles(const View& r, const View& v, const DepthMap& depth, double clear) {
+    return by_field(r, v, depth, clear);
+}
+const Engine engines[] = {{"sweep", swept, 0}, {"tiles", in_tiles, 8}};
 
 bool same(const std::vector<RectPx>& a, const std::vector<RectPx>& b) {
     return a.size() == b.size() && std::equal(a.begin(), a.end(), b.begin(), [](auto& l, auto& r) {
                return l.x0 == r.x0 && l.y0 == r.y0 && l.x1 == r.x1 && l.y1 == r.y1;
            });
 }
-
-size_t differing(const RecordedMasks& a, const RecordedMasks& b) {
-    size_t n = 0;
-    for (size_t i = 0; i < a.lost.size(); ++i)
-        n += a.occluded.data[i] != b.occluded.data[i] || a.outside.data[i] != b.outside.data[i] ||
-             a.unknown.data[i] != b.unknown.data[i] || a.unseen.data[i] != b.unseen.data[i];
-    return n;
-}
-
-using minimal::differing;
 
 /// Pixels that differ, without those whose place in V's picture is its border to a float's digits.
 size_t outside_beyond_rounding(const MinimalScene& s, const Shift& by, const Mask& a, const Mask& b) {
