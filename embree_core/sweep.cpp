@@ -18,8 +18,8 @@ namespace vshift {
 using namespace sweep;
 
 struct Sweeper::Buffers {
-    std::vector<float> inverse, marked, transposed, x_table;
     std::vector<Fan> fans;
+    MarkedImage marked[2];  ///< for lines along x, and along y
 };
 
 Sweeper::Sweeper() : buffers_(std::make_unique<Buffers>()) {}
@@ -78,6 +78,9 @@ double way(const Axis& axis, double at, double centre_z) {
     return axis.focal * axis.centre_m - (at - axis.middle) * centre_z;
 }
 
+// Sixteen lines then span no more than sixteen pixels, which `Kernels::walk` relies on.
+constexpr double least_lines_per_px = 1.1;
+
 /// The fewest with which masks agreed with the rays to F1 .99 (docs/measured.md). Straight ahead and back what is
 /// hidden is a few pixels wide, and the place of its edges counts for more.
 double lines_per_px(const glm::dvec3& centre_m) {
@@ -97,49 +100,6 @@ bool follows_rows(const SweepCamera& camera) {
     return c == glm::dvec3(0.0) || is_row_aligned({k.fx, k.cx, c.x, k.width}, {k.fy, k.cy, c.y, k.height}, c.z);
 }
 
-/// Rows `first` to `last` of `out` are columns of `in`.
-void transpose(const float* in, int width, int height, int first, int last, float* out) {
-    constexpr int tile = 32;
-    tbb::parallel_for(
-        tbb::blocked_range<int>(0, (last - first + tile - 1) / tile), [&](const tbb::blocked_range<int>& range) {
-            for (int x0 = first + range.begin() * tile; x0 < std::min(last, first + range.end() * tile); x0 += tile)
-                for (int y0 = 0; y0 < height; y0 += tile)
-                    for (int x = x0; x < std::min(x0 + tile, last); ++x)
-                        for (int y = y0; y < std::min(y0 + tile, height); ++y)
-                            out[size_t(x) * size_t(height) + size_t(y)] = in[size_t(y) * size_t(width) + size_t(x)];
-        });
-}
-
-/// Rows `first` to `last`, each value marked in its lowest bit where it is torn from the next row's.
-void mark(const float* in, int width, int height, int first, int last, const TearRule& tear, float* out) {
-    tbb::parallel_for(tbb::blocked_range<int>(first, last, 16), [&](const tbb::blocked_range<int>& range) {
-        for (int y = range.begin(); y < range.end(); ++y) {
-            const float* rows[4];
-            for (int k = 0; k < 4; ++k) {
-                const int row = y - 1 + k;
-                rows[k] = row < 0 || row >= height ? nullptr : in + size_t(row) * size_t(width);
-            }
-            kernels().mark_rows(rows, size_t(width), tear, out + size_t(y) * size_t(width));
-        }
-    });
-}
-
-/// The rows along the major axis that the lines of the fans with `transposed` touch; empty where there are none.
-std::pair<int, int> rows_of(const std::vector<Fan>& fans, bool transposed) {
-    std::pair<int, int> rows{std::numeric_limits<int>::max(), 0};
-    for (const Fan& fan : fans) {
-        if (fan.transposed != transposed) continue;
-        for (const int number : {fan.first_line, fan.first_line + fan.lines})
-            for (const int major : {fan.major_begin, fan.major_end}) {
-                const Fan::Straight line = fan.line(number);
-                const double minor = std::clamp(line.at_zero + line.slope * major, 0.0, double(fan.minors));
-                rows.first = std::min(rows.first, std::max(0, int(minor) - 2));
-                rows.second = std::max(rows.second, std::min(fan.minors, int(minor) + 3));
-            }
-    }
-    return rows;
-}
-
 }  // namespace
 
 void Sweeper::classes(const SweepCamera& camera, const DepthMap& depth, Grid<uint8_t>& out) {
@@ -155,16 +115,15 @@ void Sweeper::classes(const SweepCamera& camera, const DepthMap& depth, Grid<uin
     if (follows_rows(camera)) {
         const int heading = way(x, 0.5 * x.size, c.z) >= 0 ? 1 : -1;
         const LineRule row_rule = line_rule(x, camera, heading > 0 ? 0 : k.width - 1, heading);
-        tbb::enumerable_thread_specific<Line> rooms([&] { return Line(width); });
+        tbb::enumerable_thread_specific<Row> rooms([&] { return Row(width); });
         tbb::parallel_for(tbb::blocked_range<int>(0, k.height, 8), [&](const tbb::blocked_range<int>& range) {
-            Line& room = rooms.local();
+            Row& room = rooms.local();
             for (int row = range.begin(); row < range.end(); ++row) {
                 const glm::dvec3 first = ray(k, {heading > 0 ? 0.5 : k.width - 0.5, row + 0.5});
                 const Rays rays{first, {heading / k.fx, 0, 0}, c, camera.clear_m};
                 const float* z = &depth.data[size_t(row) * width];
                 (heading > 0 ? kernels().inverse : kernels().inverse_reversed)(z, width, room.q());
-                Horizon horizon;
-                LineSweep(row_rule, rays, {}, room, width, horizon).run(0, width);
+                RowSweep(row_rule, rays, room, width).run();
                 kernels().pixels(rule, z, row, width, room.classes.data(), heading < 0, &out.data[size_t(row) * width]);
             }
         });
@@ -172,51 +131,16 @@ void Sweeper::classes(const SweepCamera& camera, const DepthMap& depth, Grid<uin
     }
 
     Buffers& b = *buffers_;
-    plan(x, y, c.z, camera.lines_per_px > 0 ? camera.lines_per_px : lines_per_px(c), b.fans);
-    b.x_table.resize(width);
-    for (size_t i = 0; i < width; ++i) b.x_table[i] = float(i);
-    const size_t room = depth.size() + padding;
-    b.inverse.resize(room), b.marked.resize(room);
-    tbb::parallel_for(tbb::blocked_range<int>(0, k.height, 16), [&](const tbb::blocked_range<int>& range) {
-        const size_t first = size_t(range.begin()) * width, count = size_t(range.end() - range.begin()) * width;
-        kernels().inverse(&depth.data[first], count, &b.inverse[first]);
-    });
-    for (const bool transposed : {false, true}) {
-        const auto [first, last] = rows_of(b.fans, transposed);
-        if (first >= last) continue;
-        const int columns = transposed ? k.height : k.width, rows = transposed ? k.width : k.height;
-        if (transposed) {
-            b.transposed.resize(room);
-            // The rule of a row's tears looks at one row before it and two after.
-            transpose(b.inverse.data(), k.width, k.height, std::max(0, first - 1), std::min(rows, last + 2),
-                      b.transposed.data());
-        }
-        mark(transposed ? b.transposed.data() : b.inverse.data(), columns, rows, first, last,
-             tear_rule(camera.rules, (transposed ? k.fx : k.fy) * baseline), b.marked.data());
-        for (Fan& fan : b.fans)
-            if (fan.transposed == transposed) sweep_fan(camera, b.marked.data(), fan);
+    plan(x, y, c.z, camera.lines_per_px > 0 ? std::max(camera.lines_per_px, least_lines_per_px) : lines_per_px(c), b.fans);
+    std::fill(out.data.begin(), out.data.end(), uint8_t(0));
+    for (Fan& fan : b.fans) {
+        MarkedImage& marked = b.marked[fan.transposed];
+        marked.fill(fan, depth, tear_rule(camera.rules, (fan.transposed ? k.fx : k.fy) * baseline));
+        sweep_fan(camera, marked, fan, out);
     }
     tbb::parallel_for(tbb::blocked_range<int>(0, k.height, 8), [&](const tbb::blocked_range<int>& range) {
         for (int row = range.begin(); row < range.end(); ++row) {
             uint8_t* target = &out.data[size_t(row) * width];
-            if (b.fans.size() == 1 && b.fans[0].epipole == Fan::Epipole::none) {
-                take_run(b.fans[0], 0, k.width, row, b.x_table.data(), target);
-            } else {
-                // |x - epipole| >= |y - epipole|: the lines along x.
-                const double ex = k.fx * c.x / c.z + k.cx, ey = k.fy * c.y / c.z + k.cy;
-                const double dy = std::fabs(row + 0.5 - ey);
-                const int left = int(std::clamp(std::floor(ex - dy - 0.5) + 1, 0.0, double(k.width)));
-                const int right = int(std::clamp(std::ceil(ex + dy - 0.5), double(left), double(k.width)));
-                for (const Fan& fan : b.fans) {
-                    const bool after = fan.transposed ? row + 0.5 > ey : true;
-                    if (!fan.transposed) {
-                        const bool on_right = fan.far_major > ex;
-                        take_run(fan, on_right ? right : 0, on_right ? k.width : left, row, b.x_table.data(), target);
-                    } else if (after == (fan.far_major > ey)) {
-                        take_run(fan, left, right, row, b.x_table.data(), target);
-                    }
-                }
-            }
             kernels().pixels(rule, &depth.data[size_t(row) * width], row, width, target, false, target);
         }
     });

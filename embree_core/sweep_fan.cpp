@@ -6,18 +6,13 @@
 #include <tbb/parallel_for.h>
 
 #include <array>
+#include <bit>
 
 namespace vshift::sweep {
 namespace {
 
-/// Whole blocks of lines that hold [low, high].
-void number_lines(Fan& fan, double low, double high) {
-    fan.first_line = (int(std::floor(low / lines_per_block)) - 1) * lines_per_block;
-    fan.lines = (int(std::ceil(high / lines_per_block)) + 1) * lines_per_block - fan.first_line;
-}
-
 // With the epipole nearer than this, lines are numbered from it; farther off that would take more digits than a
-// float has, and no line is left out anyway.
+// whole number has, and no line is left out anyway.
 constexpr double near_epipole_px = 65536;
 
 }  // namespace
@@ -31,7 +26,6 @@ LineRule line_rule(const Axis& major, const SweepCamera& camera, int first, int 
     const glm::dvec3& centre_m = camera.recorded_from_shifted.translation_m;
     const double centre_z = centre_m.z;
     LineRule rule;
-    rule.place0 = 0;
     rule.gain0 = float((first + 0.5 - major.middle) * centre_z - major.focal * major.centre_m);
     rule.gain_step = float(heading * centre_z);
     rule.centre_z = float(centre_z);
@@ -41,6 +35,14 @@ LineRule line_rule(const Axis& major, const SweepCamera& camera, int first, int 
     return rule;
 }
 
+std::pair<int, int> Fan::read(int major) const {
+    // Bundles may begin and end a little farther out, and marks look two elements on.
+    constexpr double margin = Bundle::lines + 4;
+    const double across = reach(major) + margin;
+    return {int(std::clamp(std::floor(epipole_minor - across), 0.0, double(minors))),
+            int(std::clamp(std::ceil(epipole_minor + across), 0.0, double(minors)))};
+}
+
 void plan(const Axis& x, const Axis& y, double centre_z, double density, std::vector<Fan>& fans) {
     size_t count = 0;
     const auto next = [&](bool transposed, const Axis& major, const Axis& minor) -> Fan& {
@@ -48,14 +50,9 @@ void plan(const Axis& x, const Axis& y, double centre_z, double density, std::ve
         Fan& fan = fans[count++];
         fan.transposed = transposed;
         fan.majors = major.size, fan.minors = minor.size;
-        fan.major_begin = 0, fan.major_end = major.size;
-        fan.density = density;
-        fan.epipole = Fan::Epipole::none;
-        fan.epipole_major = fan.epipole_minor = fan.slope = 0;
-        fan.by_major.assign(size_t(major.size), 0.0f);
-        fan.by_minor.assign(size_t(minor.size), 0.0f);
+        fan.origin.assign(size_t(major.size), 0.0);
+        fan.spacing.assign(size_t(major.size), 1 / density);
         fan.level.assign(size_t(major.size), 0);
-        fan.innermost.fill(0);  // no epipole, no levels: nothing is cut
         return fan;
     };
     const double dx = x.focal * x.centre_m, dy = y.focal * y.centre_m;
@@ -69,13 +66,13 @@ void plan(const Axis& x, const Axis& y, double centre_z, double density, std::ve
             if (transposed ? std::fabs(along) <= std::fabs(across) : std::fabs(along) < std::fabs(across)) continue;
             Fan& fan = next(transposed, major, minor);
             fan.heading = along >= 0 ? 1 : -1;
-            fan.far_major = major.size - 0.5, fan.far_minor = 0.5;
-            fan.slope = along != 0 ? across / along : 0;
-            const double turn = fan.slope * (major.size - 1);
-            number_lines(fan, density * (std::min(0.0, turn) - 1), density * (std::max(0.0, turn) + minor.size + 1));
-            for (int m = 0; m < major.size; ++m)
-                fan.by_major[size_t(m)] = float(density * fan.slope * (major.size - 1 - m));
-            for (float& f : fan.by_minor) f = 1;
+            fan.major_begin = 0, fan.major_end = major.size;
+            fan.epipole_major = std::numeric_limits<double>::infinity(), fan.epipole_minor = 0;
+            const double slope = along != 0 ? across / along : 0;
+            for (int m = 0; m < major.size; ++m) fan.origin[size_t(m)] = 0.5 + slope * (m + 1 - major.size);
+            const double turn = slope * (major.size - 1);
+            fan.first_line = int(std::floor(density * (std::min(0.0, turn) - 1)));
+            fan.last_line = int(std::ceil(density * (std::max(0.0, turn) + minor.size + 1)));
             continue;
         }
         const double e_major = along / centre_z + major.middle, e_minor = across / centre_z + minor.middle;
@@ -99,181 +96,255 @@ void plan(const Axis& x, const Axis& y, double centre_z, double density, std::ve
             Fan& fan = next(transposed, major, minor);
             fan.heading = centre_z > 0 ? -side : side;
             fan.major_begin = begin, fan.major_end = end;
-            fan.epipole_major = e_major, fan.epipole_minor = e_minor, fan.far_major = far;
+            fan.epipole_major = e_major, fan.epipole_minor = e_minor;
             const bool near = std::max(std::fabs(e_major), std::fabs(e_minor)) < near_epipole_px;
-            fan.epipole = near ? Fan::Epipole::near : Fan::Epipole::far;
-            fan.far_minor = near ? e_minor : 0.5;
-            const double origin = e_minor - fan.far_minor;
-            number_lines(fan, density * (low + origin - 2), density * (high + origin + 2));
-            for (int n = 0; n < minor.size; ++n) fan.by_minor[size_t(n)] = float(n + 0.5 - e_minor);
+            const double far_minor = near ? e_minor : 0.5;  // of line 0 at the far border
+            const double origin = e_minor - far_minor;
+            fan.first_line = int(std::floor(density * (low + origin - 2)));
+            fan.last_line = int(std::ceil(density * (high + origin + 2)));
             for (int m = begin; m < end; ++m) {
-                const double from_epipole = (m + 0.5 - e_major) * side;
-                if (near) {
-                    const double widening = from_epipole > 0 ? reach / from_epipole : 1e6;
-                    fan.by_major[size_t(m)] = float(density * widening);
-                    fan.level[size_t(m)] = int32_t(std::min<double>(highest_level, std::floor(std::log2(widening))));
-                } else {
-                    fan.by_major[size_t(m)] = float(density * (far - (m + 0.5)) / (m + 0.5 - e_major));
-                }
-            }
-            for (int level = 0; level <= highest_level; ++level) {
-                int m = side > 0 ? begin : end - 1;
-                while (m >= begin && m < end && fan.level[size_t(m)] > level) m += side;
-                fan.innermost[size_t(level)] = m;
+                const double share = std::max((m + 0.5 - e_major) * side / reach, 1e-6);
+                fan.origin[size_t(m)] = e_minor - origin * share;
+                fan.spacing[size_t(m)] = share / density;
+                if (near) fan.level[size_t(m)] = int(std::min<double>(highest_level, std::floor(std::log2(1 / share))));
             }
         }
     }
     fans.resize(count);
 }
 
+void MarkedImage::fill(const Fan& fan, const DepthMap& depth, const TearRule& tear) {
+    stride_ = fan.minors + 2 * row_room;
+    const size_t width = size_t(depth.width);
+    if (const size_t needed = size_t(fan.majors) * size_t(stride_); room_.size() < needed) room_.resize(needed);
+    // Some rows at a time, first without marks.
+    constexpr int band = 16;
+    tbb::enumerable_thread_specific<std::vector<float>> rooms(
+        [&] { return std::vector<float>(size_t(band) * size_t(stride_)); });
+    const int begin = fan.major_begin, count = fan.major_end - fan.major_begin;
+    tbb::parallel_for(0, (count + band - 1) / band, [&](int at) {
+        const int first = begin + at * band, last = std::min(first + band, fan.major_end);
+        float* room = rooms.local().data() + row_room;
+        const std::pair<int, int> a = fan.read(first), b = fan.read(last - 1);
+        const int from = std::min(a.first, b.first), to = std::max(a.second, b.second);
+        if (from >= to) return;
+        if (!fan.transposed)
+            kernels().inverse_columns(depth.data.data(), width, size_t(first), size_t(last - first), size_t(from),
+                                      size_t(to), room, size_t(stride_));
+        for (int row = first; row < last; ++row) {
+            float* q = room + ptrdiff_t(row - first) * stride_;
+            float* marked = room_.data() + row_room + ptrdiff_t(row) * stride_;
+            if (fan.transposed)
+                kernels().inverse(&depth.data[size_t(row) * width + size_t(from)], size_t(to - from), q + from);
+            for (const int beside : {from - 2, from - 1, to, to + 1}) q[beside] = std::numeric_limits<float>::quiet_NaN();
+            kernels().mark_row(q + from, size_t(to - from), tear, marked + from);
+            // What lies past the image is as its border.
+            if (from == 0) marked[-1] = marked[0];
+            if (to == fan.minors) marked[to] = marked[to - 1];
+        }
+    });
+}
+
 namespace {
 
-/// The buffers of one thread.
-struct FanRoom {
-    Line line;
-    // Horizons that a block's lines leave for those that begin farther out, by number within the block and level.
-    std::array<std::array<Horizon, highest_level>, lines_per_block> left;
-    Horizon horizon;
-    explicit FanRoom(int majors) : line(size_t(majors)) {}
+/// The majors of a fan that one level's lines pass, in the order of the pass.
+struct Stretch {
+    int level;
+    int first, count;
 };
 
-/// The order of a block's lines: those that others go on from come first.
-std::array<int, lines_per_block> block_order() {
-    std::array<int, lines_per_block> order{};
-    size_t count = 0;
-    order[count++] = 0;
-    for (int step = lines_per_block / 2; step >= 1; step /= 2)
-        for (int at = step; at < lines_per_block; at += 2 * step) order[count++] = at;
-    return order;
+std::vector<Stretch> stretches(const Fan& fan) {
+    std::vector<Stretch> all;
+    const int step = -fan.heading;
+    const int first = fan.heading > 0 ? fan.major_end - 1 : fan.major_begin;
+    for (int m = first; m >= fan.major_begin && m < fan.major_end; m += step) {
+        if (all.empty() || all.back().level != fan.level[size_t(m)]) all.push_back({fan.level[size_t(m)], m, 0});
+        ++all.back().count;
+    }
+    return all;
 }
 
-void sweep_fan_line(const SweepCamera& camera, const float* image, Fan& fan, FanRoom& room, int number, int in_block,
-                    bool write) {
-    int own_level = highest_level;
-    if (in_block != 0)
-        for (own_level = 0; !(in_block >> own_level & 1);) ++own_level;
-    for (Horizon& h : room.left[size_t(in_block)]) h.known = false;
-    const Fan::Straight line = fan.line(number);
-    // Where the line lies within the image: minor in [0, minors].
-    int begin = fan.major_begin, end = fan.major_end;
-    if (std::fabs(line.slope) > 1e-12) {
-        double from = (0 - line.at_zero) / line.slope, to = (fan.minors - line.at_zero) / line.slope;
-        if (from > to) std::swap(from, to);
-        constexpr double rounding = 1e-6;  // a line through a corner counts from either side
-        begin = int(std::max(double(begin), std::ceil(from - 0.5 - rounding)));
-        end = int(std::min(double(end), std::floor(to - 0.5 + rounding) + 1));
-    } else if (line.at_zero < 0 || line.at_zero > fan.minors) {
-        return;
-    }
-    if (begin >= end) return;
-    // Towards the epipole the line stops where only lines of a higher level go on: levels fall outwards.
-    const bool epipole_first = fan.far_major > fan.epipole_major;
-    const int innermost = fan.innermost[size_t(own_level)];
-    const bool cut = epipole_first ? innermost > begin : innermost < end - 1;
-    if (cut) (epipole_first ? begin : end) = epipole_first ? innermost : innermost + 1;
-    if (begin >= end) return;
-    const int own_begin = begin, own_end = end;
-    // The way to V leads to the epipole: this line goes on from another one's horizon, with one sample more for the
-    // surface between.
-    const bool inwards = (fan.heading > 0) != epipole_first;
-    Horizon* from = nullptr;
-    if (cut && inwards) {
-        Horizon& h = room.left[size_t(in_block ^ (1 << own_level))][size_t(own_level)];
-        if (h.known) {
-            from = &h;
-            (epipole_first ? begin : end) += epipole_first ? -1 : 1;
-        }
-    }
-    const size_t n = size_t(end - begin);
-    const int first = fan.heading > 0 ? begin : end - 1;
-    const Intrinsics& k = camera.recorded;
-    const glm::dvec3& c = camera.recorded_from_shifted.translation_m;
-    const Axis major = fan.transposed ? Axis{k.fy, k.cy, c.y, k.height} : Axis{k.fx, k.cx, c.x, k.width};
-    LineRule rule = line_rule(major, camera, first, fan.heading);
-    const auto ray_at = [&](double m) {
-        const double n = line.at_zero + line.slope * m;
-        return ray(k, fan.transposed ? glm::dvec2(n, m) : glm::dvec2(m, n));
-    };
-    const Rays rays{ray_at(first + 0.5), ray_at(first + 0.5 + fan.heading) - ray_at(first + 0.5), c, camera.clear_m};
-    rule.place0 = fan.heading > 0 ? first : fan.majors - 1 - first;
-    const RowCrossings crossings{
-        image, fan.majors, fan.minors, first, fan.heading, float(line.at_zero + 0.5 * line.slope), float(line.slope)};
-    kernels().sample(image, fan.majors, fan.minors, first, fan.heading, n, crossings.v0, crossings.slope,
-                     room.line.q());
-    Horizon& horizon = room.horizon;
-    if (from) horizon = *from;
-    LineSweep pass(rule, rays, crossings, room.line, n, horizon);
-    size_t at = n;
-    if (from) pass.go_on(--at);
-    if (inwards)
-        for (int level = own_level; level-- > 0;) {
-            // The place where lines of `level` begin: leave the horizon there for them.
-            const int lower = fan.heading * (fan.innermost[size_t(level)] - first) + 1;
-            const size_t stop = size_t(std::clamp(lower, 0, int(at)));
-            if (stop == 0 || stop == n) continue;
-            pass.run(stop, at);
-            at = stop;
-            Horizon& left = room.left[size_t(in_block)][size_t(level)];
-            left = horizon;
-            left.known = true;
-        }
-    pass.run(0, at);
-    if (!write) return;
-    uint8_t* out = fan.classes.data() + size_t(number - fan.first_line) * size_t(fan.majors);
-    const uint8_t* classes = room.line.classes.data();
-    if (fan.heading > 0)
-        std::copy(classes + (own_begin - begin), classes + (own_end - begin), out + own_begin);
-    else
-        copy_reversed(classes + (end - own_end), size_t(own_end - own_begin), out + own_begin);
+int divide_down(int a, int b) {
+    return a >= 0 ? a / b : -((-a + b - 1) / b);
 }
+
+/// The first and the number of the lines of a fan that pass a level, in the level's own numbers.
+std::pair<int, int> lines_of(const Fan& fan, int level) {
+    const int first = divide_down(fan.first_line, 1 << level), last = divide_down(fan.last_line, 1 << level) + 1;
+    return {first, (last - first + int(Bundle::lines)) / int(Bundle::lines) * int(Bundle::lines)};
+}
+
+/// Passes bundles of a fan; one per thread.
+class BundleSweep {
+public:
+    BundleSweep(const SweepCamera& camera, const MarkedImage& image, const Fan& fan, Grid<uint8_t>& out)
+        : camera_(camera), image_(image), fan_(fan), out_(out) {
+        const Intrinsics& k = camera.recorded;
+        const glm::dvec3& c = camera.recorded_from_shifted.translation_m;
+        const Axis major = fan.transposed ? Axis{k.fy, k.cy, c.y, k.height} : Axis{k.fx, k.cx, c.x, k.width};
+        walk_.rule = line_rule(major, camera, fan.heading > 0 ? 0 : fan.majors - 1, fan.heading);
+        walk_.image = image.row(0), walk_.stride = image.stride();
+        walk_.majors = fan.majors, walk_.minors = fan.minors;
+        walk_.begin = fan.major_begin, walk_.end = fan.major_end;
+        walk_.origin = fan.origin.data(), walk_.spacing = fan.spacing.data();
+        walk_.step = -fan.heading;
+        walk_.decide = [](void* self, Bundle& b, const BundlePlace& p, uint32_t l) {
+            return static_cast<BundleSweep*>(self)->decide(b, p, l);
+        };
+        walk_.put = [](void* self, int major, uint32_t occluded, uint32_t unknown) {
+            static_cast<BundleSweep*>(self)->put(major, occluded, unknown);
+        };
+        walk_.self = this;
+    }
+
+    /// Lines `first_line` and on of the stretch, in its level's numbers. `horizons` and `known` are what was known of
+    /// each before, and what is after.
+    void run(const Stretch& stretch, int first_line, Horizon* horizons, uint8_t* known) {
+        first_line_ = first_line, level_ = stretch.level;
+        walk_.number = std::ldexp(first_line, level_), walk_.unit = std::ldexp(1, level_);
+        int first = stretch.first, count = stretch.count;
+        // Only where the bundle is in the image: from one major to another.
+        while (count > 0 && !in_image(first)) first += walk_.step, --count;
+        const bool begins = first == stretch.first;
+        const int whole = count;
+        while (count > 0 && !in_image(first + walk_.step * (count - 1))) --count;
+        if (count == 0) {
+            std::fill_n(known, Bundle::lines, uint8_t(0));
+            return;
+        }
+        horizons_ = horizons;
+        bundle_.known = 0;
+        for (size_t k = 0; k < Bundle::lines; ++k) {
+            if (begins && known[k]) bundle_.known |= 1u << k;
+            bundle_.highest[k] = horizons[k].highest;
+            bundle_.highest_gap[k] = horizons[k].highest_gap();
+        }
+        walk_.first = first, walk_.count = count;
+        kernels().walk(walk_, bundle_);
+        for (size_t k = 0; k < Bundle::lines; ++k) {
+            known[k] = count == whole && (bundle_.known >> k & 1);
+            horizons[k].highest = bundle_.highest[k];
+        }
+    }
+
+private:
+    const SweepCamera& camera_;
+    const MarkedImage& image_;
+    const Fan& fan_;
+    Grid<uint8_t>& out_;
+    BundleWalk walk_;
+    Bundle bundle_;
+    Horizon* horizons_ = nullptr;
+    int first_line_ = 0, level_ = 0;
+
+    /// Where one of the bundle's lines is at a major.
+    double minor_of(double line, int major) const {
+        return fan_.origin[size_t(major)] + (walk_.number + line * walk_.unit) * fan_.spacing[size_t(major)];
+    }
+    bool in_image(int major) const {
+        return minor_of(0, major) <= fan_.minors + 1 && minor_of(Bundle::lines - 1, major) >= -1;
+    }
+
+    double free_from(size_t lane, double position) const {
+        const double along = fan_.heading > 0 ? position : fan_.majors - 1 - position;
+        const int major = std::clamp(int(along), fan_.major_begin, fan_.major_end - 1);
+        const int beside = major + 1 < fan_.major_end ? major + 1 : std::max(major - 1, fan_.major_begin);
+        const double at = minor_of(double(lane), major);
+        const double slope = beside == major ? 0 : (minor_of(double(lane), beside) - at) / (beside - major);
+        const double minor = at + (along - major) * slope;
+        return sweep::free_from(ray(camera_.recorded, fan_.transposed ? glm::dvec2(minor, along + 0.5)
+                                                                      : glm::dvec2(along + 0.5, minor)),
+                                camera_.recorded_from_shifted.translation_m, camera_.clear_m);
+    }
+
+    /// How far from the sample at `major` to the one ahead, which are torn apart, the tear lies: midway between the
+    /// two, or where the line crosses into another row of pixels if those are torn there.
+    float tear_at(size_t lane, int major) const {
+        constexpr float middle = 0.5f;
+        const int ahead = major - walk_.step;
+        if (ahead < fan_.major_begin || ahead >= fan_.major_end) return middle;
+        const float at = float(minor_of(double(lane), major)), rise = float(minor_of(double(lane), ahead)) - at;
+        const int lower = int(at + 0.5f * rise + 0.5f);  // the border of rows that it is nearest to on its way
+        const float share = (float(lower) - at) / rise;
+        // At a sample itself the line crosses a border for either side of it or for none.
+        if (!(share > 1.0f / 256 && share < 255.0f / 256) || lower < 1 || lower >= fan_.minors) return middle;
+        if (!(std::bit_cast<uint32_t>(image_.row(share < middle ? major : ahead)[lower - 1]) & 1)) return middle;
+        constexpr float digits = 256;  // few enough for whole keys
+        return float(int(share * digits + 0.5f)) / digits;
+    }
+
+    uint32_t decide(Bundle& b, const BundlePlace& at, uint32_t lanes) {
+        uint32_t answers = 0;
+        const float *behind = b.q[(at.u + 1) % Bundle::kept], *here = b.q[at.u % Bundle::kept],
+                    *ahead = b.q[(at.u - 1) % Bundle::kept], *beyond = b.q[(at.u - 2) % Bundle::kept];
+        const int32_t *key = b.key[at.u % 2], *key_ahead = b.key[(at.u + 1) % 2];
+        for (; lanes; lanes &= lanes - 1) {
+            const size_t k = size_t(std::countr_zero(lanes));
+            const auto bit = [k](uint32_t bits) { return bool(bits >> k & 1); };
+            Around around{behind[k],      here[k],           ahead[k], beyond[k],    bit(at.torn_behind),
+                          bit(at.torn),   bit(at.torn_beyond), key[k],   key_ahead[k], !bit(at.begun)};
+            if (around.torn && !around.is_last) around.tear_at = tear_at(k, at.major);
+            Horizon& horizon = horizons_[k];
+            horizon.highest = b.highest[k];
+            const uint8_t answer = horizon.pass(walk_.rule, at.position, around,
+                                                [&](double position) { return free_from(k, position); });
+            b.highest[k] = horizon.highest;
+            b.highest_gap[k] = horizon.highest_gap();
+            answers |= uint32_t(answer == occluded_bit) << k | uint32_t(answer == unknown_bit) << (16 + k);
+        }
+        return answers;
+    }
+
+    /// Each pixel takes the answer of its nearest line.
+    void put(int major, uint32_t occluded, uint32_t unknown) {
+        const uint32_t any = occluded | unknown;
+        const double origin = fan_.origin[size_t(major)], per_px = 1 / (fan_.spacing[size_t(major)] * walk_.unit);
+        const double low = minor_of(std::countr_zero(any) - 0.5, major) - 0.5;
+        const double high = minor_of(31 - std::countl_zero(any) + 0.5, major) - 0.5;
+        const int begin = int(std::max(0.0, std::ceil(low - 1e-3)));
+        const int end = int(std::min(double(fan_.minors), std::floor(high + 1e-3) + 1));
+        const double reach = fan_.reach(major);
+        for (int minor = begin; minor < end; ++minor) {
+            const int lane = int(std::nearbyint((minor + 0.5 - origin) * per_px)) - first_line_;
+            if (lane < 0 || lane >= int(Bundle::lines) || !(any >> lane & 1)) continue;
+            const double across = std::fabs(minor + 0.5 - fan_.epipole_minor);
+            if (fan_.transposed ? across >= reach : across > reach) continue;
+            const uint8_t answer = occluded >> lane & 1 ? occluded_bit : unknown_bit;
+            (fan_.transposed ? out_.at(minor, major) : out_.at(major, minor)) = answer;
+        }
+    }
+};
 
 }  // namespace
 
-void sweep_fan(const SweepCamera& camera, const float* image, Fan& fan) {
-    static const std::array<int, lines_per_block> order = block_order();
-    fan.classes.resize(size_t(fan.lines) * size_t(fan.majors) + padding);
-    tbb::enumerable_thread_specific<FanRoom> rooms([&] { return FanRoom(fan.majors); });
-    const int first_block = fan.first_line / lines_per_block;
-    tbb::parallel_for(
-        tbb::blocked_range<int>(0, fan.lines / lines_per_block, 1), [&](const tbb::blocked_range<int>& range) {
-            FanRoom& room = rooms.local();
-            for (int b = first_block + range.begin(); b < first_block + range.end(); ++b)
-                for (const int in_block : order) {
-                    // Blocks begin at the epipole's side: below it they are mirrored, and line 0 belongs above.
-                    const int number = b >= 0 ? b * lines_per_block + in_block : (b + 1) * lines_per_block - in_block;
-                    sweep_fan_line(camera, image, fan, room, number, in_block, number != 0 || b >= 0);
+void sweep_fan(const SweepCamera& camera, const MarkedImage& image, Fan& fan, Grid<uint8_t>& out) {
+    tbb::enumerable_thread_specific<BundleSweep> rooms([&] { return BundleSweep(camera, image, fan, out); });
+    int before = -1;  // the level that the pass comes from
+    for (const Stretch& stretch : stretches(fan)) {
+        const auto [first, count] = lines_of(fan, stretch.level);
+        std::swap(fan.horizons, fan.horizons_before);
+        std::swap(fan.known, fan.known_before);
+        if (fan.horizons.size() < size_t(count)) fan.horizons.resize(size_t(count));
+        fan.known.assign(size_t(count), 0);
+        const int first_now = first, level = stretch.level;
+        tbb::parallel_for(0, count / int(Bundle::lines), [&](int at) {
+            const int begin = at * int(Bundle::lines);
+            if (before >= 0) {
+                const int first_before = lines_of(fan, before).first;
+                for (int k = begin; k < begin + int(Bundle::lines); ++k) {
+                    // The line itself, or the one that it branches off from towards the epipole.
+                    const int number = first_now + k;
+                    const int from = (before > level ? number / (1 << (before - level))
+                                                     : number * (1 << (level - before))) - first_before;
+                    if (from < 0 || from >= int(fan.known_before.size()) || !fan.known_before[size_t(from)]) continue;
+                    fan.horizons[size_t(k)] = fan.horizons_before[size_t(from)];
+                    fan.known[size_t(k)] = 1;
                 }
+            }
+            rooms.local().run(stretch, first_now + begin, &fan.horizons[size_t(begin)], &fan.known[size_t(begin)]);
         });
-}
-
-void take_run(const Fan& fan, int x_begin, int x_end, int y, const float* x_table, uint8_t* out) {
-    if (x_begin >= x_end) return;
-    Take rule{fan.classes.data(), fan.majors, fan.first_line, nullptr, 0, 0, nullptr, 0, 0, 0};
-    const float density = float(fan.density);
-    if (!fan.transposed) {
-        rule.a = fan.by_major.data() + x_begin;
-        rule.b = fan.by_minor[size_t(y)];
-        rule.c = fan.epipole == Fan::Epipole::near ? 0.0f : density * float(y);
-        rule.levels = fan.level.data() + x_begin;
-        rule.place = x_begin, rule.place_step = 1;
-    } else {
-        const float spread = fan.by_major[size_t(y)];
-        rule.level = fan.level[size_t(y)];
-        rule.place = y, rule.place_step = 0;
-        switch (fan.epipole) {
-            case Fan::Epipole::near:
-                rule.a = fan.by_minor.data() + x_begin, rule.b = spread, rule.c = 0;
-                break;
-            case Fan::Epipole::far:
-                rule.a = x_table + x_begin, rule.b = density + spread;
-                rule.c = float((0.5 - fan.epipole_minor) * double(spread));
-                break;
-            case Fan::Epipole::none:
-                rule.a = x_table + x_begin, rule.b = density, rule.c = spread;
-                break;
-        }
+        before = stretch.level;
     }
-    kernels().take(rule, size_t(x_end - x_begin), out + x_begin);
 }
 
 }  // namespace vshift::sweep

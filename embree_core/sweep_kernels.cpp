@@ -9,6 +9,7 @@
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "embree_core/sweep_kernels.cpp"
 #include <hwy/foreach_target.h>
+#include <hwy/cache_control.h>
 #include <hwy/highway.h>
 
 HWY_BEFORE_NAMESPACE();
@@ -25,29 +26,25 @@ using V = hn::Vec<F>;
 // What is nearer than 1 / solid_q is a surface; a sky pixel's q is 0 or, with its mark, a denormal.
 constexpr float solid_q = 1e-20f;
 
-HWY_INLINE V inverse_of(V z) {
-    const F f;
-    const V q = hn::Div(hn::Set(f, 1.0f), z);
-    const V nan = hn::Set(f, std::numeric_limits<float>::quiet_NaN());
+template <class D>
+HWY_INLINE hn::Vec<D> inverse_of(D f, hn::Vec<D> z) {
+    const auto q = hn::Div(hn::Set(f, 1.0f), z);
+    const auto nan = hn::Set(f, std::numeric_limits<float>::quiet_NaN());
     const auto sky = hn::Gt(z, hn::Set(f, 1e12f));
     const auto measured = hn::Gt(z, hn::Set(f, 1e-12f));  // false for NaN
     return hn::IfThenElse(sky, hn::Zero(f), hn::IfThenElse(measured, q, nan));
 }
 
-/// Runs `body(i)` for whole vectors; the last one overlaps the one before (rows are padded where n is small).
-template <class Body>
-HWY_INLINE void for_vectors(size_t n, const Body& body) {
-    const size_t lanes = hn::Lanes(F());
-    for (size_t i = 0; i < n; i += lanes) body(i);
+float inverse_of(float z) {
+    return z > 1e12f ? 0.0f : z > 1e-12f ? 1.0f / z : std::numeric_limits<float>::quiet_NaN();
 }
 
 void inverse(const float* z, size_t n, float* q) {
     const F f;
     const size_t lanes = hn::Lanes(f);
     size_t i = 0;
-    for (; i + lanes <= n; i += lanes) hn::StoreU(inverse_of(hn::LoadU(f, z + i)), f, q + i);
-    for (; i < n; ++i)
-        q[i] = z[i] > 1e12f ? 0.0f : z[i] > 1e-12f ? 1.0f / z[i] : std::numeric_limits<float>::quiet_NaN();
+    for (; i + lanes <= n; i += lanes) hn::StoreU(inverse_of(f, hn::LoadU(f, z + i)), f, q + i);
+    for (; i < n; ++i) q[i] = inverse_of(z[i]);
 }
 
 void inverse_reversed(const float* z, size_t n, float* q) {
@@ -55,15 +52,33 @@ void inverse_reversed(const float* z, size_t n, float* q) {
     const size_t lanes = hn::Lanes(f);
     size_t i = 0;
     for (; i + lanes <= n; i += lanes)
-        hn::StoreU(hn::Reverse(f, inverse_of(hn::LoadU(f, z + n - i - lanes))), f, q + i);
-    for (; i < n; ++i) {
-        const float d = z[n - 1 - i];
-        q[i] = d > 1e12f ? 0.0f : d > 1e-12f ? 1.0f / d : std::numeric_limits<float>::quiet_NaN();
-    }
+        hn::StoreU(hn::Reverse(f, inverse_of(f, hn::LoadU(f, z + n - i - lanes))), f, q + i);
+    for (; i < n; ++i) q[i] = inverse_of(z[n - 1 - i]);
 }
 
-// A line that crosses no more rows than this within a vector is read row by row, others by gathering.
-constexpr int32_t most_crossed = 16;
+void inverse_columns(const float* z, size_t width, size_t x, size_t count, size_t y0, size_t y1, float* q,
+                     size_t stride) {
+    size_t y = y0;
+#if HWY_TARGET != HWY_SCALAR
+    const hn::FixedTag<float, 4> f;
+    if (count == block)
+        for (; y + 4 <= y1; y += 4)
+            for (size_t k = 0; k < block; k += 4) {
+                const float* from = z + y * width + x + k;
+                const auto row = [&](size_t r) { return inverse_of(f, hn::LoadU(f, from + r * width)); };
+                const auto r0 = row(0), r1 = row(1), r2 = row(2), r3 = row(3);
+                const auto even = hn::InterleaveLower(f, r0, r2), odd = hn::InterleaveLower(f, r1, r3);
+                const auto even_high = hn::InterleaveUpper(f, r0, r2), odd_high = hn::InterleaveUpper(f, r1, r3);
+                float* to = q + k * stride + y;
+                hn::StoreU(hn::InterleaveLower(f, even, odd), f, to);
+                hn::StoreU(hn::InterleaveUpper(f, even, odd), f, to + stride);
+                hn::StoreU(hn::InterleaveLower(f, even_high, odd_high), f, to + 2 * stride);
+                hn::StoreU(hn::InterleaveUpper(f, even_high, odd_high), f, to + 3 * stride);
+            }
+#endif
+    for (; y < y1; ++y)
+        for (size_t k = 0; k < count; ++k) q[k * stride + y] = inverse_of(z[y * width + x + k]);
+}
 
 /// Whether samples a and b are torn apart, by the rule of depth_source.h.
 HWY_INLINE hn::Mask<F> torn_between(V before, V a, V b, V after, const TearRule& rule) {
@@ -88,6 +103,14 @@ HWY_INLINE hn::Mask<F> torn_between(V before, V a, V b, V after, const TearRule&
     const V errors = hn::MulAdd(q, hn::MulAdd(q, set(rule.squared), set(rule.relative)), set(rule.constant));
     const auto breaks = hn::Ge(hn::Min(left_known, right_known), hn::MulAdd(share, step, errors));
     return hn::Not(hn::Or(whole, hn::AndNot(breaks, both)));
+}
+
+/// A bit per lane, sixteen lanes at most.
+template <class D, class M>
+HWY_INLINE uint32_t bits_of(D tag, M mask) {
+    uint8_t bits[8] = {};
+    hn::StoreMaskBits(tag, mask, bits);
+    return uint32_t(bits[0] | bits[1] << 8);
 }
 
 /// |gain| q / (1 - cz q) in key units, minus the sample's own place. `beside`: cz is 0.
@@ -122,7 +145,7 @@ HWY_INLINE void key_row(const LineRule& rule, const float* q, size_t padded, int
     for (size_t i = 0; i < padded; i += lanes) {
         const auto index = hn::Add(hn::Iota(d, 0), hn::Set(d, int32_t(i)));
         const V gain = hn::Abs(hn::MulAdd(gain_step, hn::ConvertTo(f, index), gain0));
-        const auto place = hn::ShiftLeft<13>(hn::Add(index, hn::Set(d, rule.place0)));
+        const auto place = hn::ShiftLeft<13>(index);
         hn::StoreU(key_vector<beside>(hn::LoadU(f, q + i), gain, centre_z, place), d, key + i);
     }
 }
@@ -136,11 +159,6 @@ void keys(const LineRule& rule, const float* q, size_t n, int32_t* key, uint16_t
     key[blocks * block] = 0;
     for (size_t b = 0; b < blocks; ++b) {
         uint32_t torn_bits = 0, rising_bits = 0;
-        const auto bits_of = [&](const auto& tag, const auto& mask) {
-            uint8_t bits[8] = {};
-            hn::StoreMaskBits(tag, mask, bits);
-            return uint32_t(bits[0] | bits[1] << 8);
-        };
         for (size_t part = 0; part < block; part += lanes) {
             const size_t i = b * block + part;
             const auto mask = torn_between(hn::LoadU(f, q + i - 1), hn::LoadU(f, q + i), hn::LoadU(f, q + i + 1),
@@ -219,118 +237,173 @@ void pixels(const PixelRule& r, const float* z, int y, size_t n, const uint8_t* 
     }
 }
 
-void mark_rows(const float* const rows[4], size_t n, const TearRule& tear, float* q) {
+void mark_row(const float* q, size_t n, const TearRule& tear, float* marked) {
     const F f;
     const I d;
-    const V nan = hn::Set(f, std::numeric_limits<float>::quiet_NaN());
-    for_vectors(n, [&](size_t i) {
-        const V a = hn::LoadU(f, rows[1] + i);
-        const auto row = [&](int k) { return rows[k] ? hn::LoadU(f, rows[k] + i) : nan; };
-        const auto torn = torn_between(row(0), a, row(2), row(3), tear);
+    for (size_t i = 0; i < n; i += hn::Lanes(f)) {
+        const V a = hn::LoadU(f, q + i);
+        const auto torn =
+            torn_between(hn::LoadU(f, q + i - 1), a, hn::LoadU(f, q + i + 1), hn::LoadU(f, q + i + 2), tear);
         const auto mark = hn::IfThenElseZero(hn::RebindMask(d, torn), hn::Set(d, 1));
         const auto bits = hn::Or(hn::AndNot(hn::Set(d, 1), hn::BitCast(d, a)), mark);
-        hn::StoreU(hn::BitCast(f, bits), f, q + i);
-    });
+        hn::StoreU(hn::BitCast(f, bits), f, marked + i);
+    }
 }
 
-void sample(const float* image, int stride, int rows, int first, int step, size_t n, float v0, float slope, float* q) {
+constexpr uint32_t every_line = (1u << Bundle::lines) - 1;
+
+/// The height field at one major on sixteen lines, the first at `at` across them. Returns which lie within the image.
+HWY_INLINE uint32_t sample_across(const BundleWalk& walk, int major, float* q) {
     const F f;
     const I d;
     const size_t lanes = hn::Lanes(f);
-    const int32_t left = step > 0 ? first : first - int32_t(n) + 1;
-    const auto one = [&](size_t i, bool whole) {
-        // From the left, whichever way V is: columns left + i and on.
-        const auto index = hn::Min(hn::Add(hn::Iota(d, 0), hn::Set(d, int32_t(i))), hn::Set(d, int32_t(n) - 1));
-        const auto column = hn::Add(hn::Set(d, left), index);
-        const V v = hn::Sub(hn::MulAdd(hn::Set(f, slope), hn::ConvertTo(f, column), hn::Set(f, v0)), hn::Set(f, 0.5f));
+    const V nan = hn::Set(f, std::numeric_limits<float>::quiet_NaN());
+    if (major < walk.begin || major >= walk.end) {
+        for (size_t g = 0; g < block; g += lanes) hn::StoreU(nan, f, q + g);
+        return 0;
+    }
+    const double spacing = walk.spacing[major];
+    const double at = walk.origin[major] + walk.number * spacing - 0.5;
+    const double apart = walk.unit * spacing;
+    // Far outside, the nearest border does: no line there is in the image.
+    const int base = int(std::floor(std::clamp(at, -1e6, 1e6)));
+    const V share0 = hn::Set(f, float(std::clamp(at, -1e6, 1e6) - base)), step = hn::Set(f, float(apart));
+    const float* row = walk.image + ptrdiff_t(major) * walk.stride;
+    if (const int soon = major + 8 * walk.step; soon >= walk.begin && soon < walk.end) {
+        const int there = int(walk.origin[soon] + walk.number * walk.spacing[soon]);
+        const float* p = walk.image + ptrdiff_t(soon) * walk.stride + std::clamp(there, 0, walk.minors);
+        hwy::Prefetch(p);
+        hwy::Prefetch(p + 16);
+    }
+    const bool within = base >= 0 && base + int(block) < walk.minors;  // as no two lines are a pixel apart
+    uint32_t inside = within ? every_line : 0;
+    for (size_t g = 0; g < block; g += lanes) {
+        const V lane = hn::ConvertTo(f, hn::Iota(d, int32_t(g)));
+        const V v = hn::Add(share0, hn::Mul(lane, step));
         const V floor = hn::Floor(v), share = hn::Sub(v, floor);
-        const auto row = hn::ConvertTo(d, floor);
-        V a, b;  // the rows above and below the line
-        const int32_t row_at_left = hn::GetLane(row),
-                      row_at_right = whole ? hn::ExtractLane(row, lanes - 1) : row_at_left;
-        const int32_t top = std::min(row_at_left, row_at_right), crossed = std::max(row_at_left, row_at_right) - top;
-        if (whole && crossed <= most_crossed) {
-            const float* at = image + left + ptrdiff_t(i);
-            const auto row_of = [&](int32_t r) {
-                return hn::LoadU(f, at + ptrdiff_t(std::clamp(r, 0, rows - 1)) * stride);
-            };
-            a = row_of(top), b = row_of(top + 1);
-            V upper = b;
-            for (int32_t k = 1; k <= crossed; ++k) {
-                const V lower = row_of(top + k + 1);
-                const auto here = hn::RebindMask(f, hn::Eq(row, hn::Set(d, top + k)));
-                a = hn::IfThenElse(here, upper, a), b = hn::IfThenElse(here, lower, b);
-                upper = lower;
-            }
-        } else {
-            const auto last_row = hn::Set(d, rows - 1), zero = hn::Zero(d), pitch = hn::Set(d, stride);
-            const auto upper = hn::Min(hn::Max(row, zero), last_row),
-                       lower = hn::Min(hn::Max(hn::Add(row, hn::Set(d, 1)), zero), last_row);
-            a = hn::GatherIndex(f, image, hn::Add(hn::Mul(upper, pitch), column));
-            b = hn::GatherIndex(f, image, hn::Add(hn::Mul(lower, pitch), column));
-        }
+        const auto row_of = hn::Add(hn::ConvertTo(d, floor), hn::Set(d, base));
+        const int32_t left = std::clamp(hn::GetLane(row_of), -1, walk.minors - 1);
+        const auto index = hn::Min(hn::Max(hn::Sub(row_of, hn::Set(d, left)), hn::Zero(d)), hn::Set(d, int32_t(lanes) - 1));
+        const auto pick = hn::IndicesFromVec(f, index);
+        const V a = hn::TableLookupLanes(hn::LoadU(f, row + left), pick);
+        const V b = hn::TableLookupLanes(hn::LoadU(f, row + left + 1), pick);
         const auto torn = hn::RebindMask(f, hn::Eq(hn::And(hn::BitCast(d, a), hn::Set(d, 1)), hn::Set(d, 1)));
         // Midway between two surfaces the nearer one counts, so that a mirrored image gives the mirrored line.
         const V off_middle = hn::Sub(share, hn::Set(f, 0.5f));
         const V own = hn::IfThenElse(hn::Lt(hn::Abs(off_middle), hn::Set(f, 1e-3f)), hn::Max(a, b),
                                      hn::IfThenElse(hn::Lt(off_middle, hn::Zero(f)), a, b));
-        const V between = hn::MulAdd(share, hn::Sub(b, a), a);
-        return hn::IfThenElse(torn, own, between);
-    };
-    if (n < lanes) {
-        float room[block];
-        hn::StoreU(one(0, false), f, room);
-        for (size_t i = 0; i < n; ++i) q[step > 0 ? i : n - 1 - i] = room[i];
-        return;
+        const V between = hn::Add(hn::Mul(share, hn::Sub(b, a)), a);
+        const V value = hn::IfThenElse(torn, own, between);
+        if (within) {
+            hn::StoreU(value, f, q + g);
+            continue;
+        }
+        // A line along the border counts.
+        const V place = hn::Add(hn::ConvertTo(f, row_of), share);
+        const auto in = hn::And(hn::Ge(place, hn::Set(f, -0.501f)), hn::Le(place, hn::Set(f, float(walk.minors) - 0.499f)));
+        hn::StoreU(hn::IfThenElse(in, value, nan), f, q + g);
+        inside |= bits_of(f, in) << g;
     }
-    for (size_t i = 0; i < n; i += lanes) {
-        const size_t at = std::min(i, n - lanes);  // the last vector overlaps the one before
-        if (step > 0)
-            hn::StoreU(one(at, true), f, q + at);
-        else
-            hn::StoreU(hn::Reverse(f, one(at, true)), f, q + (n - lanes - at));
-    }
+    return inside;
 }
 
-void take(const Take& rule, size_t n, uint8_t* out) {
+void walk(const BundleWalk& w, Bundle& s) {
     const F f;
     const I d;
     const size_t lanes = hn::Lanes(f);
-    for (size_t i = 0; i < n; i += lanes) {
-        const bool whole = i + lanes <= n;
-        float a_room[block];
-        int32_t level_room[block];
-        const float* a = rule.a + i;
-        const int32_t* level = rule.levels ? rule.levels + i : nullptr;
-        if (!whole) {
-            for (size_t k = 0; k < lanes; ++k) a_room[k] = a[std::min(k, n - i - 1)];
-            a = a_room;
-            if (level) {
-                for (size_t k = 0; k < lanes; ++k) level_room[k] = level[std::min(k, n - i - 1)];
-                level = level_room;
+    const auto q = [&](size_t u) { return s.q[u % Bundle::kept]; };
+    const auto major_of = [&](size_t u) { return w.first + w.step * (int(u) - 8); };
+    const auto tears_of = [&](size_t u) {  // between u and u + 1
+        uint32_t bits = 0;
+        for (size_t g = 0; g < block; g += lanes) {
+            const auto torn = torn_between(hn::LoadU(f, q(u + 2) + g), hn::LoadU(f, q(u + 1) + g),
+                                           hn::LoadU(f, q(u) + g), hn::LoadU(f, q(u - 1) + g), w.rule.tear);
+            if (!hn::AllFalse(f, torn)) bits |= bits_of(f, torn) << g;
+        }
+        return bits;
+    };
+    const bool beside = w.rule.centre_z == 0, no_error = w.rule.error.none();
+    const V centre_z = hn::Set(f, w.rule.centre_z);
+    const auto position_of = [&](size_t u) { return w.step < 0 ? major_of(u) : w.majors - 1 - major_of(u); };
+    const auto keys_of = [&](size_t u) {
+        const int32_t position = position_of(u);
+        const V gain = hn::Set(f, std::fabs(w.rule.gain0 + w.rule.gain_step * float(position)));
+        const auto place = hn::Set(d, position << 13);
+        for (size_t g = 0; g < block; g += lanes) {
+            const V at = hn::LoadU(f, q(u) + g);
+            hn::StoreU(beside ? key_vector<true>(at, gain, centre_z, place)
+                              : key_vector<false>(at, gain, centre_z, place),
+                       d, s.key[u % 2] + g);
+        }
+    };
+    constexpr size_t zero = 8;
+    for (size_t u = zero - 3; u < zero; ++u) sample_across(w, major_of(u), q(u));
+    uint32_t inside = sample_across(w, major_of(zero), q(zero));
+    uint32_t inside_next = sample_across(w, major_of(zero + 1), q(zero + 1));
+    uint32_t torn = tears_of(zero - 2), torn_behind = tears_of(zero - 1);
+    keys_of(zero - 1);
+    // A line that goes on from another one's horizon knows the surface it comes from, too.
+    for (size_t g = 0; g < block; g += lanes) {
+        const auto key = hn::LoadU(d, s.key[(zero - 1) % 2] + g), highest = hn::LoadU(d, s.highest + g);
+        const V at = hn::LoadU(f, q(zero - 1) + g);
+        const auto valid = hn::RebindMask(d, hn::Eq(at, at));
+        hn::StoreU(hn::IfThenElse(valid, hn::Max(highest, key), highest), d, s.highest + g);
+    }
+    uint32_t begun = s.known;
+    for (size_t u = zero; u < zero + size_t(w.count); ++u) {
+        const uint32_t inside_far = sample_across(w, major_of(u + 2), q(u + 2));
+        const uint32_t torn_beyond = torn;
+        torn = torn_behind, torn_behind = tears_of(u);
+        keys_of(u);
+        const int32_t *key_at = s.key[u % 2], *start_at = s.key[(u + 1) % 2];
+        const uint32_t goes_on = ~torn & begun & inside;
+        if (goes_on == every_line) {
+            bool rises = true;  // as far as V sees them
+            for (size_t g = 0; g < block; g += lanes) {
+                const auto key = hn::LoadU(d, key_at + g), start = hn::LoadU(d, start_at + g);
+                const auto highest = hn::LoadU(d, s.highest + g);
+                rises = rises && hn::AllTrue(d, hn::And(hn::Eq(start, highest), hn::Gt(key, start)));
+            }
+            if (rises) {
+                for (size_t g = 0; g < block; g += lanes) hn::StoreU(hn::LoadU(d, key_at + g), d, s.highest + g);
+                begun = inside, inside = inside_next, inside_next = inside_far;
+                continue;
             }
         }
-        const auto shift = level ? hn::LoadU(d, level) : hn::Set(d, rule.level);
-        // 2^-level, exactly.
-        const V unit = hn::BitCast(f, hn::ShiftLeft<23>(hn::Sub(hn::Set(d, 127), shift)));
-        const V exact = hn::Mul(hn::MulAdd(hn::LoadU(f, a), hn::Set(f, rule.b), hn::Set(f, rule.c)), unit);
-        const auto line = hn::Shl(hn::ConvertTo(d, hn::Round(exact)), shift);
-        const auto index = hn::Min(hn::Add(hn::Iota(d, 0), hn::Set(d, int32_t(i))), hn::Set(d, int32_t(n) - 1));
-        const auto place = hn::Add(hn::Set(d, rule.place), hn::Mul(index, hn::Set(d, rule.place_step)));
-        const auto offset =
-            hn::Add(hn::Mul(hn::Sub(line, hn::Set(d, rule.first_line)), hn::Set(d, rule.stride)), place);
-        if (whole && rule.place_step == 1 && hn::AllTrue(d, hn::Eq(line, hn::Set(d, hn::GetLane(line))))) {
-            std::memcpy(out + i, rule.classes + hn::GetLane(offset), lanes);
-            continue;
+        uint32_t plain = 0, hidden = 0;
+        for (size_t g = 0; g < block; g += lanes) {
+            const auto key = hn::LoadU(d, key_at + g), start = hn::LoadU(d, start_at + g);
+            const auto highest = hn::LoadU(d, s.highest + g), gap = hn::LoadU(d, s.highest_gap + g);
+            // V sees the surface that rises from the highest key; above all gaps one comparison tells, too.
+            const auto rises = hn::And(hn::Eq(start, highest), hn::Gt(key, start));
+            const auto below = hn::Lt(key, highest);
+            const auto apart = hn::Gt(hn::Min(key, start), gap);
+            const auto above = hn::Gt(key, highest);
+            const auto clear = hn::And(apart, no_error ? hn::Or(above, below) : above);
+            plain |= bits_of(d, hn::Or(rises, clear)) << g;
+            hidden |= bits_of(d, below) << g;
         }
-        // One by one: a gather of bytes takes twice as long.
-        int32_t offsets[block];
-        hn::StoreU(offset, d, offsets);
-        for (size_t k = 0; k < std::min(lanes, n - i); ++k) out[i + k] = rule.classes[offsets[k]];
+        plain &= goes_on;
+        uint32_t occluded = hidden & plain, unknown = 0;
+        const uint32_t rest = inside & ~plain;
+        for (size_t g = 0; g < block; g += lanes) {
+            const auto key = hn::LoadU(d, key_at + g), highest = hn::LoadU(d, s.highest + g);
+            const uint32_t bits = plain >> g;
+            const uint8_t bytes[8] = {uint8_t(bits), uint8_t(bits >> 8)};
+            hn::StoreU(hn::IfThenElse(hn::LoadMaskBits(d, bytes), hn::Max(highest, key), highest), d, s.highest + g);
+        }
+        if (rest) {
+            const uint32_t answers =
+                w.decide(w.self, s, {u, major_of(u), float(position_of(u)), torn_behind, torn, torn_beyond, begun}, rest);
+            occluded |= answers & 0xFFFF, unknown = answers >> 16;
+        }
+        if (occluded | unknown) w.put(w.self, major_of(u), occluded, unknown);
+        begun = inside, inside = inside_next, inside_next = inside_far;
     }
+    s.known = begun;
 }
 
-const Kernels table = {&inverse, &inverse_reversed, &keys, &pixels, &mark_rows, &sample, &take};
+const Kernels table = {&inverse, &inverse_reversed, &keys, &pixels, &inverse_columns, &mark_row, &walk};
 const Kernels* get() {
     return &table;
 }

@@ -24,7 +24,6 @@ struct TearRule {
 
 /// One epipolar line, sample 0 first on the way to V.
 struct LineRule {
-    int32_t place0;          ///< sample i stands at place0 + i on the way to V
     float gain0, gain_step;  ///< |disparity| of sample i is |gain0 + gain_step i| q / (1 - centre_z q)
     float centre_z;          ///< V's centre along R's axis, metres
     TearRule tear;
@@ -56,16 +55,45 @@ struct PixelRule {
     float clear_m;
 };
 
-/// How a run of pixels finds its lines.
-struct Take {
-    const uint8_t* classes;
-    int32_t stride, first_line;
-    const float* a;
-    float b, c;
-    const int32_t* levels;  ///< per pixel, or null: `level` for all
-    int32_t level;
-    int32_t place, place_step;
+/// Neighbouring lines of a fan that are passed together, and what the pass knows of them. Sample u is the u-th of the
+/// pass, which goes away from V.
+struct Bundle {
+    static constexpr size_t lines = 16, kept = 8;
+    alignas(64) float q[kept][lines];  ///< 1/z of sample u is in q[u mod kept]; NaN outside the image
+    alignas(64) int32_t key[2][lines];
+    alignas(64) int32_t highest[lines];      ///< of `Horizon`, and the highest key in its gaps
+    alignas(64) int32_t highest_gap[lines];  ///< where there are none, the least number
+    uint32_t known = 0;                      ///< a bit for each line whose pass has begun
 };
+
+/// Where a bundle stands: sample u of its lines, at `major`.
+struct BundlePlace {
+    size_t u;  ///< 8 more than the sample's number, so that those before it have one too
+    int major;
+    float position;
+    uint32_t torn_behind, torn, torn_beyond;  ///< a bit per line, as in `Around`
+    uint32_t begun;                           ///< lines that the pass had reached before this sample
+};
+
+/// A pass along a bundle, from major `first` on in steps of `step`.
+struct BundleWalk {
+    LineRule rule;  ///< sample 0 is that of the first major on the way to V
+    const float* image;  ///< 1/z marked by `mark_row`; rows lie across the lines, with room as for `row_room`
+    ptrdiff_t stride;
+    int majors, minors;
+    int begin, end;  ///< the majors that may be read
+    const double *origin, *spacing;  ///< per major: line j of the fan is at origin + j spacing
+    double number, unit;             ///< of the bundle's first line, and from one to the next
+    int first, step, count;
+    /// Answers the lines of `lanes`, for which it takes more than one comparison: occluded bits, and unknown ones << 16.
+    uint32_t (*decide)(void* self, Bundle& bundle, const BundlePlace& place, uint32_t lanes);
+    /// Takes the answers at one major, if any bit is set.
+    void (*put)(void* self, int major, uint32_t occluded, uint32_t unknown);
+    void* self;
+};
+
+/// Rows that are read across lines begin with this many elements to spare, and end with at least so many.
+inline constexpr int row_room = 24;
 
 struct Kernels {
     /// q = 1/z of a row: 0 sky, NaN no measurement.
@@ -78,15 +106,14 @@ struct Kernels {
     /// from the last pixel to the first). `out` may be `classes`, unless they are reversed.
     void (*pixels)(const PixelRule& rule, const float* z, int y, size_t n, const uint8_t* classes, bool reversed,
                    uint8_t* out);
-    /// q of a row with its lowest bit set where the pixel is torn from the one below (rows are y-1, y, y+1, y+2; null
-    /// beyond the image).
-    void (*mark_rows)(const float* const rows[4], size_t n, const TearRule& tear, float* q);
-    /// Samples along a line: at position p (whole, step +-1) across `v0 + slope * p`, between rows of `image`.
-    void (*sample)(const float* image, int stride, int rows, int first, int step, size_t n, float v0, float slope,
-                   float* q);
-    /// out[i] = classes[(line - first_line) * stride + place], the line nearest to a[i] * b + c among every 2^level-th;
-    /// lines and places grow with i or stand still: see Take.
-    void (*take)(const struct Take& rule, size_t n, uint8_t* out);
+    /// inverse() of columns x to x + count (16 at most) of rows y0 to y1 - 1: column k goes to q + k * stride, from its
+    /// element y0 on.
+    void (*inverse_columns)(const float* z, size_t width, size_t x, size_t count, size_t y0, size_t y1, float* q,
+                            size_t stride);
+    /// q of a row with its lowest bit set where a pixel is torn from the next one. `q` has values or NaN two elements
+    /// before and after, and both rows room for a vector after that.
+    void (*mark_row)(const float* q, size_t n, const TearRule& tear, float* marked);
+    void (*walk)(const BundleWalk& walk, Bundle& bundle);
 };
 
 const Kernels& kernels();
