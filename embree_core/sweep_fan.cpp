@@ -188,8 +188,8 @@ public:
         walk_.begin = fan.major_begin, walk_.end = fan.major_end;
         walk_.origin = fan.origin.data(), walk_.spacing = fan.spacing.data();
         walk_.step = -fan.heading;
-        walk_.decide = [](void* self, Bundle& b, const BundlePlace& p, uint32_t l) {
-            return static_cast<BundleSweep*>(self)->decide(b, p, l);
+        walk_.decide = [](void* self, const BundlePlace& place, uint32_t lanes) {
+            return static_cast<BundleSweep*>(self)->decide(place, lanes);
         };
         walk_.put = [](void* self, int major, uint32_t occluded, uint32_t unknown) {
             static_cast<BundleSweep*>(self)->put(major, occluded, unknown);
@@ -216,14 +216,13 @@ public:
         bundle_.known = 0;
         for (size_t k = 0; k < Bundle::lines; ++k) {
             if (begins && known[k]) bundle_.known |= 1u << k;
-            bundle_.highest[k] = horizons[k].highest;
-            bundle_.highest_gap[k] = horizons[k].highest_gap();
+            keep(k);
         }
         walk_.first = first, walk_.count = count;
         kernels().walk(walk_, bundle_);
         for (size_t k = 0; k < Bundle::lines; ++k) {
             known[k] = count == whole && (bundle_.known >> k & 1);
-            horizons[k].highest = bundle_.highest[k];
+            give_back(k);
         }
     }
 
@@ -243,6 +242,18 @@ private:
     }
     bool in_image(int major) const {
         return minor_of(0, major) <= fan_.minors + 1 && minor_of(Bundle::lines - 1, major) >= -1;
+    }
+
+    /// Between a line's horizon and what the bundle has of it.
+    void keep(size_t k) {
+        const Horizon& h = horizons_[k];
+        const Gaps::Range gap = h.gaps.from_above(0);
+        bundle_.highest[k] = h.highest, bundle_.gap_low[k] = gap.low, bundle_.gap_high[k] = gap.high;
+        bundle_.below_gap[k] = h.gaps.from_above(1).high;
+    }
+    void give_back(size_t k) {
+        horizons_[k].highest = bundle_.highest[k];
+        horizons_[k].gaps.raise_highest(bundle_.gap_low[k]);
     }
 
     double free_from(size_t lane, double position) const {
@@ -273,7 +284,8 @@ private:
         return float(int(share * digits + 0.5f)) / digits;
     }
 
-    uint32_t decide(Bundle& b, const BundlePlace& at, uint32_t lanes) {
+    uint32_t decide(const BundlePlace& at, uint32_t lanes) {
+        const Bundle& b = bundle_;
         uint32_t answers = 0;
         const float *behind = b.q[(at.u + 1) % Bundle::kept], *here = b.q[at.u % Bundle::kept],
                     *ahead = b.q[(at.u - 1) % Bundle::kept], *beyond = b.q[(at.u - 2) % Bundle::kept];
@@ -285,12 +297,11 @@ private:
                           bit(at.torn),   bit(at.torn_beyond), key[k],   key_ahead[k], !bit(at.begun)};
             if (around.torn && !around.is_last) around.tear_at = tear_at(k, at.major);
             Horizon& horizon = horizons_[k];
-            horizon.highest = b.highest[k];
+            give_back(k);
             const uint8_t answer = horizon.pass(walk_.rule, at.position, around,
                                                 [&](double position) { return free_from(k, position); });
-            b.highest[k] = horizon.highest;
-            b.highest_gap[k] = horizon.highest_gap();
-            answers |= uint32_t(answer == occluded_bit) << k | uint32_t(answer == unknown_bit) << (16 + k);
+            keep(k);
+            answers |= uint32_t(answer == occluded_bit) << k | uint32_t(answer == unknown_bit) << (Bundle::lines + k);
         }
         return answers;
     }

@@ -336,6 +336,10 @@ void walk(const BundleWalk& w, Bundle& s) {
                        d, s.key[u % 2] + g);
         }
     };
+    const auto mask_of = [&](uint32_t bits) {
+        const uint8_t bytes[8] = {uint8_t(bits), uint8_t(bits >> 8)};
+        return hn::LoadMaskBits(d, bytes);
+    };
     constexpr size_t zero = 8;
     for (size_t u = zero - 3; u < zero; ++u) sample_across(w, major_of(u), q(u));
     uint32_t inside = sample_across(w, major_of(zero), q(zero));
@@ -370,32 +374,32 @@ void walk(const BundleWalk& w, Bundle& s) {
                 continue;
             }
         }
-        uint32_t plain = 0, hidden = 0;
+        uint32_t plain = 0, occluded = 0, unknown = 0;
         for (size_t g = 0; g < block; g += lanes) {
             const auto key = hn::LoadU(d, key_at + g), start = hn::LoadU(d, start_at + g);
-            const auto highest = hn::LoadU(d, s.highest + g), gap = hn::LoadU(d, s.highest_gap + g);
+            const auto highest = hn::LoadU(d, s.highest + g);
+            const auto gap_low = hn::LoadU(d, s.gap_low + g), gap_high = hn::LoadU(d, s.gap_high + g);
             // V sees the surface that rises from the highest key; above all gaps one comparison tells, too.
-            const auto rises = hn::And(hn::Eq(start, highest), hn::Gt(key, start));
-            const auto below = hn::Lt(key, highest);
-            const auto apart = hn::Gt(hn::Min(key, start), gap);
-            const auto above = hn::Gt(key, highest);
-            const auto clear = hn::And(apart, no_error ? hn::Or(above, below) : above);
-            plain |= bits_of(d, hn::Or(rises, clear)) << g;
-            hidden |= bits_of(d, below) << g;
+            const auto grows = hn::Gt(key, start), above = hn::Gt(key, highest), below = hn::Lt(key, highest);
+            const auto rises = hn::And(hn::Eq(start, highest), grows);
+            const auto apart = hn::Gt(hn::Min(key, start), gap_high);
+            // A hidden surface that rises towards the highest gap, or within it from its lower end.
+            const auto below_gap = hn::LoadU(d, s.below_gap + g);
+            const auto to_gap = hn::And(hn::And(grows, below), hn::And(hn::Gt(start, below_gap),
+                                                                       hn::And(hn::Lt(start, gap_low), hn::Lt(key, gap_high))));
+            const uint32_t hidden = no_error ? bits_of(d, hn::Or(to_gap, hn::And(apart, below))) << g & goes_on : 0;
+            const uint32_t seen = bits_of(d, hn::Or(rises, hn::And(apart, above))) << g & goes_on;
+            const uint32_t filled = hidden & bits_of(d, hn::AndNot(hn::Lt(key, gap_low), to_gap)) << g;
+            occluded |= hidden & ~filled, unknown |= filled;
+            plain |= hidden | seen;
+            hn::StoreU(hn::IfThenElse(mask_of(seen >> g), key, highest), d, s.highest + g);
+            hn::StoreU(hn::IfThenElse(mask_of(filled >> g), hn::Add(key, hn::Set(d, 1)), gap_low), d, s.gap_low + g);
         }
-        plain &= goes_on;
-        uint32_t occluded = hidden & plain, unknown = 0;
         const uint32_t rest = inside & ~plain;
-        for (size_t g = 0; g < block; g += lanes) {
-            const auto key = hn::LoadU(d, key_at + g), highest = hn::LoadU(d, s.highest + g);
-            const uint32_t bits = plain >> g;
-            const uint8_t bytes[8] = {uint8_t(bits), uint8_t(bits >> 8)};
-            hn::StoreU(hn::IfThenElse(hn::LoadMaskBits(d, bytes), hn::Max(highest, key), highest), d, s.highest + g);
-        }
         if (rest) {
             const uint32_t answers =
-                w.decide(w.self, s, {u, major_of(u), float(position_of(u)), torn_behind, torn, torn_beyond, begun}, rest);
-            occluded |= answers & 0xFFFF, unknown = answers >> 16;
+                w.decide(w.self, {u, major_of(u), float(position_of(u)), torn_behind, torn, torn_beyond, begun}, rest);
+            occluded |= answers & every_line, unknown |= answers >> Bundle::lines;
         }
         if (occluded | unknown) w.put(w.self, major_of(u), occluded, unknown);
         begun = inside, inside = inside_next, inside_next = inside_far;

@@ -61,9 +61,11 @@ struct Bundle {
     static constexpr size_t lines = 16, kept = 8;
     alignas(64) float q[kept][lines];  ///< 1/z of sample u is in q[u mod kept]; NaN outside the image
     alignas(64) int32_t key[2][lines];
-    alignas(64) int32_t highest[lines];      ///< of `Horizon`, and the highest key in its gaps
-    alignas(64) int32_t highest_gap[lines];  ///< where there are none, the least number
-    uint32_t known = 0;                      ///< a bit for each line whose pass has begun
+    alignas(64) int32_t highest[lines];   ///< of `Horizon`
+    alignas(64) int32_t gap_low[lines];   ///< its highest gap; the least number where there is none
+    alignas(64) int32_t gap_high[lines];
+    alignas(64) int32_t below_gap[lines];  ///< the highest key of the gaps below that one, or the least number
+    uint32_t known = 0;                    ///< a bit for each line whose pass has begun
 };
 
 /// Where a bundle stands: sample u of its lines, at `major`.
@@ -86,7 +88,7 @@ struct BundleWalk {
     double number, unit;             ///< of the bundle's first line, and from one to the next
     int first, step, count;
     /// Answers the lines of `lanes`, for which it takes more than one comparison: occluded bits, and unknown ones << 16.
-    uint32_t (*decide)(void* self, Bundle& bundle, const BundlePlace& place, uint32_t lanes);
+    uint32_t (*decide)(void* self, const BundlePlace& place, uint32_t lanes);
     /// Takes the answers at one major, if any bit is set.
     void (*put)(void* self, int major, uint32_t occluded, uint32_t unknown);
     void* self;

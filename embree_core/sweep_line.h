@@ -73,10 +73,20 @@ public:
         if (begin < end) ranges_.erase(ranges_.begin() + long(begin), ranges_.begin() + long(end));
     }
 
-private:
     struct Range {
         int32_t low, high;
     };
+    /// The n-th gap from above; where there is none, of the least number.
+    Range from_above(size_t n) const {
+        constexpr int32_t least = std::numeric_limits<int32_t>::min();
+        return n < ranges_.size() ? ranges_[ranges_.size() - 1 - n] : Range{least, least};
+    }
+    /// The highest gap, if there is one, now begins at `low`.
+    void raise_highest(int32_t low) {
+        if (!empty()) ranges_.back().low = low;
+    }
+
+private:
     std::vector<Range> ranges_;
 };
 
@@ -105,9 +115,6 @@ struct Around {
 struct Horizon {
     int32_t highest = 0;
     Gaps gaps;
-
-    /// The highest key in a gap; where there is none, the least number.
-    int32_t highest_gap() const { return gaps.empty() ? std::numeric_limits<int32_t>::min() : gaps.highest(); }
 
     /// The class of sample i, at `position` on the line, which is passed. `free_from(position)` is that of its ray.
     template <class FreeFrom>
