@@ -81,12 +81,6 @@ double way(const Axis& axis, double at, double centre_z) {
 // Sixteen lines then span no more than sixteen pixels, which `Kernels::walk` relies on.
 constexpr double least_lines_per_px = 1.1;
 
-/// The fewest with which masks agreed with the rays to F1 .99 (docs/measured.md). Straight ahead and back what is
-/// hidden is a few pixels wide, and the place of its edges counts for more.
-double lines_per_px(const glm::dvec3& centre_m) {
-    return std::fabs(centre_m.z) > 0.98 * glm::length(centre_m) ? 2.3 : 1.75;
-}
-
 /// Whether epipolar lines keep to the rows, at the image's corners too.
 bool is_row_aligned(const Axis& x, const Axis& y, double centre_z) {
     const double across = std::max(std::fabs(way(y, 0, centre_z)), std::fabs(way(y, y.size, centre_z)));
@@ -131,7 +125,7 @@ void Sweeper::classes(const SweepCamera& camera, const DepthMap& depth, Grid<uin
     }
 
     Buffers& b = *buffers_;
-    plan(x, y, c.z, camera.lines_per_px > 0 ? std::max(camera.lines_per_px, least_lines_per_px) : lines_per_px(c), b.fans);
+    plan(x, y, c.z, std::max(camera.lines_per_px, least_lines_per_px), b.fans);
     std::fill(out.data.begin(), out.data.end(), uint8_t(0));
     for (Fan& fan : b.fans) {
         MarkedImage& marked = b.marked[fan.transposed];

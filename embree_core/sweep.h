@@ -8,8 +8,9 @@
 // surface covers its key, unknown when only torn walls do. One pass from V's end answers a whole line.
 //
 // A shift along the image rows is exact: the lines are the pixel rows. Other shifts sample the height field
-// along lines that are half a pixel apart, and each pixel takes the answer of the nearest one. A tear lies midway
-// between two samples, or where the line crosses into the row of pixels beyond it.
+// along lines that are less than half a pixel apart, and each pixel takes the answer of the nearest one. A tear lies
+// midway between two samples, or where the line crosses into the row of pixels beyond it; the corner of a pixel that it
+// passes over between two samples counts.
 #pragma once
 #include <memory>
 
@@ -27,8 +28,10 @@ struct SweepCamera {
     Pose recorded_from_shifted;  ///< V in R's frame
     double clear_m = 2.0;        ///< radius round V's centre that is taken as free
     DepthRules rules{};
-    float reach_px = 0.5f;    ///< how far a surface goes on past its last pixel's centre: from 0 to 1 it may be
-    double lines_per_px = 0;  ///< where lines are not the rows, at the image's far border; 0: as the shift asks
+    float reach_px = 0.5f;  ///< how far a surface goes on past its last pixel's centre: from 0 to 1 it may be
+    /// Where lines are not the rows, at the image's far border; 1.1 at least. With 2.2 every shift agrees with the rays
+    /// to F1 .99 (docs/measured.md, "Sweep against rays").
+    double lines_per_px = 2.2;
 };
 
 /// Keeps its buffers between frames. One sweeper serves one thread; inside it uses all cores.

@@ -136,7 +136,8 @@ void MarkedImage::fill(const Fan& fan, const DepthMap& depth, const TearRule& te
             float* marked = room_.data() + row_room + ptrdiff_t(row) * stride_;
             if (fan.transposed)
                 kernels().inverse(&depth.data[size_t(row) * width + size_t(from)], size_t(to - from), q + from);
-            for (const int beside : {from - 2, from - 1, to, to + 1}) q[beside] = std::numeric_limits<float>::quiet_NaN();
+            for (const int beside : {from - 2, from - 1, to, to + 1})
+                q[beside] = std::numeric_limits<float>::quiet_NaN();
             kernels().mark_row(q + from, size_t(to - from), tear, marked + from);
             // What lies past the image is as its border.
             if (from == 0) marked[-1] = marked[0];
@@ -172,6 +173,21 @@ int divide_down(int a, int b) {
 std::pair<int, int> lines_of(const Fan& fan, int level) {
     const int first = divide_down(fan.first_line, 1 << level), last = divide_down(fan.last_line, 1 << level) + 1;
     return {first, (last - first + int(Bundle::lines)) / int(Bundle::lines) * int(Bundle::lines)};
+}
+
+/// The rule of depth_source.h for samples `a` and `b`, as `Kernels::keys` and `mark_row` have it.
+bool is_torn(float before, float a, float b, float after, const TearRule& rule) {
+    const bool both = is_solid(a) && is_solid(b), neither = a <= least_solid && b <= least_solid;
+    const float change = b - a, step = std::fabs(change);
+    if (neither || (both && !(rule.px_per_q * step > rule.tear_px))) return false;
+    if (!both) return true;
+    const float left = before - a + change, right = after - b - change;
+    const float share = left * right > 0 ? rule.crease_break : rule.tear_break;
+    const float q = std::max(a, b), errors = q * (q * rule.squared + rule.relative) + rule.constant;
+    const auto size = [](float bend) {
+        return bend == bend ? std::fabs(bend) : std::numeric_limits<float>::infinity();
+    };
+    return std::min(size(left), size(right)) >= share * step + errors;
 }
 
 /// Passes bundles of a fan; one per thread.
@@ -263,25 +279,46 @@ private:
         const double at = minor_of(double(lane), major);
         const double slope = beside == major ? 0 : (minor_of(double(lane), beside) - at) / (beside - major);
         const double minor = at + (along - major) * slope;
-        return sweep::free_from(ray(camera_.recorded, fan_.transposed ? glm::dvec2(minor, along + 0.5)
-                                                                      : glm::dvec2(along + 0.5, minor)),
-                                camera_.recorded_from_shifted.translation_m, camera_.clear_m);
+        return sweep::free_from(
+            ray(camera_.recorded, fan_.transposed ? glm::dvec2(minor, along + 0.5) : glm::dvec2(along + 0.5, minor)),
+            camera_.recorded_from_shifted.translation_m, camera_.clear_m);
     }
 
-    /// How far from the sample at `major` to the one ahead, which are torn apart, the tear lies: midway between the
-    /// two, or where the line crosses into another row of pixels if those are torn there.
-    float tear_at(size_t lane, int major) const {
-        constexpr float middle = 0.5f;
+    /// Where the tears between the sample at `major` and the one ahead lie: midway between the two, and where the line
+    /// crosses into another row of pixels if those are torn there. On its way it may pass over the corner of a third
+    /// pixel, which is in the row of one sample and beside the other.
+    void place_tears(size_t lane, int major, Around& around) const {
         const int ahead = major - walk_.step;
-        if (ahead < fan_.major_begin || ahead >= fan_.major_end) return middle;
-        const float at = float(minor_of(double(lane), major)), rise = float(minor_of(double(lane), ahead)) - at;
-        const int lower = int(at + 0.5f * rise + 0.5f);  // the border of rows that it is nearest to on its way
-        const float share = (float(lower) - at) / rise;
-        // At a sample itself the line crosses a border for either side of it or for none.
-        if (!(share > 1.0f / 256 && share < 255.0f / 256) || lower < 1 || lower >= fan_.minors) return middle;
-        if (!(std::bit_cast<uint32_t>(image_.row(share < middle ? major : ahead)[lower - 1]) & 1)) return middle;
-        constexpr float digits = 256;  // few enough for whole keys
-        return float(int(share * digits + 0.5f)) / digits;
+        if (ahead < fan_.major_begin || ahead >= fan_.major_end) return;
+        const float at = float(minor_of(double(lane), major)), to = float(minor_of(double(lane), ahead));
+        const int lower = int(0.5f * (at + to) + 0.5f);  // the border of rows that it is nearest to on its way
+        const float before = float(lower) - at, after = to - float(lower);
+        // At a sample itself it crosses a border for either side of it or for none.
+        if (before * after <= 0 || std::min(std::fabs(before), std::fabs(after)) < between_pixels || lower < 1 ||
+            lower >= fan_.minors)
+            return;
+        constexpr float digits = 256, middle = 0.5f;  // few enough for whole keys
+        const float share = float(int(before / (to - at) * digits + 0.5f)) / digits;
+        // The third pixel is in the sample's column, or in the one ahead; where the line passes between two, the
+        // nearer.
+        const auto at_row = [&](int m, int row) {
+            return m < fan_.major_begin || m >= fan_.major_end ? std::numeric_limits<float>::quiet_NaN()
+                                                               : image_.row(m)[row];
+        };
+        const int row = at < to ? lower - 1 : lower, row_ahead = at < to ? lower : lower - 1;
+        const bool in_own = share < middle || (share == middle && at_row(major, row_ahead) > at_row(ahead, row));
+        const int third = in_own ? row_ahead : row;
+        const float* column = image_.row(in_own ? major : ahead);
+        if (!(std::bit_cast<uint32_t>(column[lower - 1]) & 1)) return;
+        around.tear = around.tear_ahead = share;
+        if (is_invalid(column[third])) return;
+        const int step = walk_.step;
+        if (!is_torn(at_row(major + step, third), at_row(major, third), at_row(ahead, third),
+                     at_row(ahead - step, third), walk_.rule.tear))
+            return;
+        around.between = column[third];
+        around.tear = share == middle ? middle - 1 / digits : std::min(share, middle);
+        around.tear_ahead = share == middle ? middle + 1 / digits : std::max(share, middle);
     }
 
     uint32_t decide(const BundlePlace& at, uint32_t lanes) {
@@ -293,13 +330,13 @@ private:
         for (; lanes; lanes &= lanes - 1) {
             const size_t k = size_t(std::countr_zero(lanes));
             const auto bit = [k](uint32_t bits) { return bool(bits >> k & 1); };
-            Around around{behind[k],      here[k],           ahead[k], beyond[k],    bit(at.torn_behind),
-                          bit(at.torn),   bit(at.torn_beyond), key[k],   key_ahead[k], !bit(at.begun)};
-            if (around.torn && !around.is_last) around.tear_at = tear_at(k, at.major);
+            Around around{behind[k],           here[k], ahead[k],     beyond[k],     bit(at.torn_behind), bit(at.torn),
+                          bit(at.torn_beyond), key[k],  key_ahead[k], !bit(at.begun)};
+            if (bit(at.crossing) && !around.is_last) place_tears(k, at.major, around);
             Horizon& horizon = horizons_[k];
             give_back(k);
-            const uint8_t answer = horizon.pass(walk_.rule, at.position, around,
-                                                [&](double position) { return free_from(k, position); });
+            const uint8_t answer =
+                horizon.pass(walk_.rule, at.position, around, [&](double position) { return free_from(k, position); });
             keep(k);
             answers |= uint32_t(answer == occluded_bit) << k | uint32_t(answer == unknown_bit) << (Bundle::lines + k);
         }
@@ -316,7 +353,7 @@ private:
         const int end = int(std::min(double(fan_.minors), std::floor(high + 1e-3) + 1));
         const double reach = fan_.reach(major);
         for (int minor = begin; minor < end; ++minor) {
-            const int lane = int(std::nearbyint((minor + 0.5 - origin) * per_px)) - first_line_;
+            const int lane = int(std::lrint((minor + 0.5 - origin) * per_px)) - first_line_;
             if (lane < 0 || lane >= int(Bundle::lines) || !(any >> lane & 1)) continue;
             const double across = std::fabs(minor + 0.5 - fan_.epipole_minor);
             if (fan_.transposed ? across >= reach : across > reach) continue;
@@ -345,8 +382,9 @@ void sweep_fan(const SweepCamera& camera, const MarkedImage& image, Fan& fan, Gr
                 for (int k = begin; k < begin + int(Bundle::lines); ++k) {
                     // The line itself, or the one that it branches off from towards the epipole.
                     const int number = first_now + k;
-                    const int from = (before > level ? number / (1 << (before - level))
-                                                     : number * (1 << (level - before))) - first_before;
+                    const int from =
+                        (before > level ? number / (1 << (before - level)) : number * (1 << (level - before))) -
+                        first_before;
                     if (from < 0 || from >= int(fan.known_before.size()) || !fan.known_before[size_t(from)]) continue;
                     fan.horizons[size_t(k)] = fan.horizons_before[size_t(from)];
                     fan.known[size_t(k)] = 1;

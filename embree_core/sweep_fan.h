@@ -33,7 +33,7 @@ struct Fan {
     int major_begin = 0, major_end = 0;
     double epipole_major = 0, epipole_minor = 0;  ///< lines that do not meet: infinity and 0
     std::vector<double> origin, spacing;          ///< per major: line j passes minor origin + j spacing
-    std::vector<int> level;   ///< per major: every 2^level-th line is there; falls with the way from the epipole
+    std::vector<int> level;  ///< per major: every 2^level-th line is there; falls with the way from the epipole
     int first_line = 0, last_line = 0;
     std::vector<Horizon> horizons, horizons_before;  ///< what the passes know between two levels, per line
     std::vector<uint8_t> known, known_before;

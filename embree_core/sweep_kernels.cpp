@@ -23,9 +23,6 @@ using F = hn::CappedTag<float, block>;
 using I = hn::RebindToSigned<F>;
 using V = hn::Vec<F>;
 
-// What is nearer than 1 / solid_q is a surface; a sky pixel's q is 0 or, with its mark, a denormal.
-constexpr float solid_q = 1e-20f;
-
 template <class D>
 HWY_INLINE hn::Vec<D> inverse_of(D f, hn::Vec<D> z) {
     const auto q = hn::Div(hn::Set(f, 1.0f), z);
@@ -84,7 +81,7 @@ void inverse_columns(const float* z, size_t width, size_t x, size_t count, size_
 HWY_INLINE hn::Mask<F> torn_between(V before, V a, V b, V after, const TearRule& rule) {
     const F f;
     const auto set = [&](float value) { return hn::Set(f, value); };
-    const V solid = hn::Set(f, solid_q);
+    const V solid = hn::Set(f, least_solid);
     const V change = hn::Sub(b, a);
     const V step = hn::Abs(change);
     const auto seen = hn::Gt(hn::Mul(set(rule.px_per_q), step), set(rule.tear_px));
@@ -252,159 +249,231 @@ void mark_row(const float* q, size_t n, const TearRule& tear, float* marked) {
 
 constexpr uint32_t every_line = (1u << Bundle::lines) - 1;
 
-/// The height field at one major on sixteen lines, the first at `at` across them. Returns which lie within the image.
-HWY_INLINE uint32_t sample_across(const BundleWalk& walk, int major, float* q) {
-    const F f;
-    const I d;
-    const size_t lanes = hn::Lanes(f);
-    const V nan = hn::Set(f, std::numeric_limits<float>::quiet_NaN());
-    if (major < walk.begin || major >= walk.end) {
-        for (size_t g = 0; g < block; g += lanes) hn::StoreU(nan, f, q + g);
-        return 0;
-    }
-    const double spacing = walk.spacing[major];
-    const double at = walk.origin[major] + walk.number * spacing - 0.5;
-    const double apart = walk.unit * spacing;
-    // Far outside, the nearest border does: no line there is in the image.
-    const int base = int(std::floor(std::clamp(at, -1e6, 1e6)));
-    const V share0 = hn::Set(f, float(std::clamp(at, -1e6, 1e6) - base)), step = hn::Set(f, float(apart));
-    const float* row = walk.image + ptrdiff_t(major) * walk.stride;
-    if (const int soon = major + 8 * walk.step; soon >= walk.begin && soon < walk.end) {
-        const int there = int(walk.origin[soon] + walk.number * walk.spacing[soon]);
-        const float* p = walk.image + ptrdiff_t(soon) * walk.stride + std::clamp(there, 0, walk.minors);
-        hwy::Prefetch(p);
-        hwy::Prefetch(p + 16);
-    }
-    const bool within = base >= 0 && base + int(block) < walk.minors;  // as no two lines are a pixel apart
-    uint32_t inside = within ? every_line : 0;
-    for (size_t g = 0; g < block; g += lanes) {
-        const V lane = hn::ConvertTo(f, hn::Iota(d, int32_t(g)));
-        const V v = hn::Add(share0, hn::Mul(lane, step));
-        const V floor = hn::Floor(v), share = hn::Sub(v, floor);
-        const auto row_of = hn::Add(hn::ConvertTo(d, floor), hn::Set(d, base));
-        const int32_t left = std::clamp(hn::GetLane(row_of), -1, walk.minors - 1);
-        const auto index = hn::Min(hn::Max(hn::Sub(row_of, hn::Set(d, left)), hn::Zero(d)), hn::Set(d, int32_t(lanes) - 1));
-        const auto pick = hn::IndicesFromVec(f, index);
-        const V a = hn::TableLookupLanes(hn::LoadU(f, row + left), pick);
-        const V b = hn::TableLookupLanes(hn::LoadU(f, row + left + 1), pick);
-        const auto torn = hn::RebindMask(f, hn::Eq(hn::And(hn::BitCast(d, a), hn::Set(d, 1)), hn::Set(d, 1)));
-        // Midway between two surfaces the nearer one counts, so that a mirrored image gives the mirrored line.
-        const V off_middle = hn::Sub(share, hn::Set(f, 0.5f));
-        const V own = hn::IfThenElse(hn::Lt(hn::Abs(off_middle), hn::Set(f, 1e-3f)), hn::Max(a, b),
-                                     hn::IfThenElse(hn::Lt(off_middle, hn::Zero(f)), a, b));
-        const V between = hn::Add(hn::Mul(share, hn::Sub(b, a)), a);
-        const V value = hn::IfThenElse(torn, own, between);
-        if (within) {
-            hn::StoreU(value, f, q + g);
-            continue;
-        }
-        // A line along the border counts.
-        const V place = hn::Add(hn::ConvertTo(f, row_of), share);
-        const auto in = hn::And(hn::Ge(place, hn::Set(f, -0.501f)), hn::Le(place, hn::Set(f, float(walk.minors) - 0.499f)));
-        hn::StoreU(hn::IfThenElse(in, value, nan), f, q + g);
-        inside |= bits_of(f, in) << g;
-    }
-    return inside;
-}
+/// A pass along sixteen lines. Sample u of the bundle lies at major first + step * (u - zero).
+class Walk {
+public:
+    Walk(const BundleWalk& w, Bundle& s) : w_(w), s_(s) {}
 
-void walk(const BundleWalk& w, Bundle& s) {
-    const F f;
-    const I d;
-    const size_t lanes = hn::Lanes(f);
-    const auto q = [&](size_t u) { return s.q[u % Bundle::kept]; };
-    const auto major_of = [&](size_t u) { return w.first + w.step * (int(u) - 8); };
-    const auto tears_of = [&](size_t u) {  // between u and u + 1
+    HWY_INLINE void run() {
+        for (size_t u = zero - 3; u < zero; ++u) sample(u);
+        uint32_t inside = sample(zero), inside_next = sample(zero + 1);
+        uint32_t torn = torn_behind(zero - 2), torn_next = torn_behind(zero - 1);
+        take_key(zero - 1);
+        go_on();
+        uint32_t begun = s_.known;
+        for (size_t u = zero; u < zero + size_t(w_.count); ++u) {
+            const uint32_t inside_far = sample(u + 2);
+            const uint32_t torn_beyond = torn;
+            torn = torn_next, torn_next = torn_behind(u);
+            take_key(u);
+            const uint32_t crosses = crossing(u);
+            const uint32_t joined = ~torn & ~crosses & begun & inside;
+            if (joined != every_line || !all_rise(u)) {
+                Answers answers = compare(u, joined);
+                if (const uint32_t rest = inside & ~answers.known) {
+                    const uint32_t decided = w_.decide(
+                        w_.self, {u, major_of(u), float(position_of(u)), torn_next, torn, torn_beyond, crosses, begun},
+                        rest);
+                    answers.occluded |= decided & every_line, answers.unknown |= decided >> Bundle::lines;
+                }
+                if (answers.occluded | answers.unknown) w_.put(w_.self, major_of(u), answers.occluded, answers.unknown);
+            }
+            begun = inside, inside = inside_next, inside_next = inside_far;
+        }
+        s_.known = begun;
+    }
+
+private:
+    static constexpr size_t zero = Bundle::kept;  // so that the samples before the first have numbers, too
+    const BundleWalk& w_;
+    Bundle& s_;
+    static constexpr F f{};
+    static constexpr I d{};
+    const bool no_error_ = w_.rule.error.none();
+
+    struct Answers {
+        uint32_t known = 0, occluded = 0, unknown = 0;
+    };
+
+    static HWY_INLINE size_t lanes() { return hn::Lanes(F()); }
+    int major_of(size_t u) const { return w_.first + w_.step * (int(u) - int(zero)); }
+    int position_of(size_t u) const { return w_.step < 0 ? major_of(u) : w_.majors - 1 - major_of(u); }
+    float* q(size_t u) const { return s_.q[u % Bundle::kept]; }
+    HWY_INLINE auto mask_of(uint32_t bits) const {
+        const uint8_t bytes[8] = {uint8_t(bits), uint8_t(bits >> 8)};
+        return hn::LoadMaskBits(d, bytes);
+    }
+
+    /// What will be read some steps on.
+    HWY_INLINE void prefetch(int major) const {
+        if (major < w_.begin || major >= w_.end) return;
+        const int there = int(w_.origin[major] + w_.number * w_.spacing[major]);
+        const float* p = w_.image + ptrdiff_t(major) * w_.stride + std::clamp(there, 0, w_.minors);
+        hwy::Prefetch(p);
+        hwy::Prefetch(p + block);
+    }
+
+    /// Samples the height field. Returns which lines are within the image there.
+    HWY_INLINE uint32_t sample(size_t u) {
+        const int major = major_of(u);
+        int32_t* pixel = s_.pixel[u % Bundle::kept];
+        float* in_pixel = s_.within[u % Bundle::kept];
+        uint32_t& torn_across = s_.torn_across[u % Bundle::kept];
+        torn_across = 0;
+        const V nan = hn::Set(f, std::numeric_limits<float>::quiet_NaN());
+        if (major < w_.begin || major >= w_.end) {
+            for (size_t g = 0; g < block; g += lanes()) {
+                hn::StoreU(nan, f, q(u) + g);
+                hn::StoreU(hn::Zero(f), f, in_pixel + g);
+                hn::StoreU(hn::Zero(d), d, pixel + g);
+            }
+            return 0;
+        }
+        prefetch(major + 8 * w_.step);
+        const double spacing = w_.spacing[major];
+        // Far outside it does not matter where.
+        const double at = std::clamp(w_.origin[major] + w_.number * spacing - 0.5, -1e6, 1e6);
+        const int base = int(std::floor(at));
+        const V share0 = hn::Set(f, float(at - base)), step = hn::Set(f, float(w_.unit * spacing));
+        const float* row = w_.image + ptrdiff_t(major) * w_.stride;
+        const bool within = base >= 0 && base + int(block) < w_.minors;  // as no two lines are a pixel apart
+        uint32_t inside = within ? every_line : 0;
+        for (size_t g = 0; g < block; g += lanes()) {
+            const V lane = hn::ConvertTo(f, hn::Iota(d, int32_t(g)));
+            const V v = hn::Add(share0, hn::Mul(lane, step));
+            const V floor = hn::Floor(v), share = hn::Sub(v, floor);
+            // The pixels on either side are neighbours in memory: one load has those of all lines.
+            const auto upper = hn::Add(hn::ConvertTo(d, floor), hn::Set(d, base));
+            const int32_t left = std::clamp(hn::GetLane(upper), -1, w_.minors - 1);
+            const auto index =
+                hn::Min(hn::Max(hn::Sub(upper, hn::Set(d, left)), hn::Zero(d)), hn::Set(d, int32_t(lanes()) - 1));
+            const auto pick = hn::IndicesFromVec(f, index);
+            const V a = hn::TableLookupLanes(hn::LoadU(f, row + left), pick);
+            const V b = hn::TableLookupLanes(hn::LoadU(f, row + left + 1), pick);
+            const auto torn = hn::RebindMask(f, hn::Eq(hn::And(hn::BitCast(d, a), hn::Set(d, 1)), hn::Set(d, 1)));
+            // Midway between two surfaces the nearer one counts, so that a mirrored image gives the mirrored line.
+            const V off_middle = hn::Sub(share, hn::Set(f, 0.5f)), from_border = hn::Abs(off_middle);
+            const auto in_upper = hn::Lt(off_middle, hn::Zero(f));
+            const V own = hn::IfThenElse(hn::Lt(from_border, hn::Set(f, between_pixels)), hn::Max(a, b),
+                                         hn::IfThenElse(in_upper, a, b));
+            const V between = hn::Add(hn::Mul(share, hn::Sub(b, a)), a);
+            V value = hn::IfThenElse(torn, own, between);
+            if (!within) {
+                // A line along the border counts.
+                const V place = hn::Add(hn::ConvertTo(f, upper), share);
+                const auto in = hn::And(hn::Ge(place, hn::Set(f, -0.5f - between_pixels)),
+                                        hn::Le(place, hn::Set(f, float(w_.minors) - 0.5f + between_pixels)));
+                value = hn::IfThenElse(in, value, nan);
+                inside |= bits_of(f, in) << g;
+            }
+            hn::StoreU(value, f, q(u) + g);
+            const auto half = hn::Set(f, 0.5f);
+            hn::StoreU(hn::IfThenElse(in_upper, hn::Add(share, half), off_middle), f, in_pixel + g);
+            const auto one = hn::IfThenZeroElse(hn::RebindMask(d, in_upper), hn::Set(d, 1));
+            hn::StoreU(hn::Add(upper, one), d, pixel + g);
+            // At a pixel's centre both its neighbours are as near.
+            const auto perhaps = hn::Or(torn, hn::Gt(from_border, hn::Set(f, 0.5f - between_pixels)));
+            if (!hn::AllFalse(f, perhaps)) torn_across |= bits_of(f, perhaps) << g;
+        }
+        return inside;
+    }
+
+    /// Lines whose samples u and u + 1 are torn apart.
+    HWY_INLINE uint32_t torn_behind(size_t u) const {
         uint32_t bits = 0;
-        for (size_t g = 0; g < block; g += lanes) {
+        for (size_t g = 0; g < block; g += lanes()) {
             const auto torn = torn_between(hn::LoadU(f, q(u + 2) + g), hn::LoadU(f, q(u + 1) + g),
-                                           hn::LoadU(f, q(u) + g), hn::LoadU(f, q(u - 1) + g), w.rule.tear);
+                                           hn::LoadU(f, q(u) + g), hn::LoadU(f, q(u - 1) + g), w_.rule.tear);
             if (!hn::AllFalse(f, torn)) bits |= bits_of(f, torn) << g;
         }
         return bits;
-    };
-    const bool beside = w.rule.centre_z == 0, no_error = w.rule.error.none();
-    const V centre_z = hn::Set(f, w.rule.centre_z);
-    const auto position_of = [&](size_t u) { return w.step < 0 ? major_of(u) : w.majors - 1 - major_of(u); };
-    const auto keys_of = [&](size_t u) {
+    }
+
+    /// Lines that cross between samples u and u - 1 into another row of pixels where the two rows are torn apart.
+    HWY_INLINE uint32_t crossing(size_t u) const {
+        const size_t here = u % Bundle::kept, ahead = (u - 1) % Bundle::kept;
+        const uint32_t torn_here = s_.torn_across[here], torn_ahead = s_.torn_across[ahead];
+        if (!(torn_here | torn_ahead)) return 0;
+        uint32_t crosses = 0, at_own = 0;  // in the column of the sample that is nearer to the border of the rows
+        for (size_t g = 0; g < block; g += lanes()) {
+            const auto own = hn::LoadU(d, s_.pixel[here] + g), next = hn::LoadU(d, s_.pixel[ahead] + g);
+            const V sum = hn::Add(hn::LoadU(f, s_.within[here] + g), hn::LoadU(f, s_.within[ahead] + g));
+            const V one = hn::Set(f, 1.0f);
+            const auto grows = hn::RebindMask(f, hn::Gt(next, own));
+            const auto nearer = hn::IfThenElse(grows, hn::Sub(one, sum), hn::Sub(sum, one));
+            crosses |= bits_of(d, hn::Ne(own, next)) << g;
+            at_own |= bits_of(f, hn::Lt(nearer, hn::Zero(f))) << g;
+        }
+        return crosses & ((at_own & torn_here) | (~at_own & torn_ahead));
+    }
+
+    HWY_INLINE void take_key(size_t u) {
         const int32_t position = position_of(u);
-        const V gain = hn::Set(f, std::fabs(w.rule.gain0 + w.rule.gain_step * float(position)));
+        const V gain = hn::Set(f, std::fabs(w_.rule.gain0 + w_.rule.gain_step * float(position)));
+        const V centre_z = hn::Set(f, w_.rule.centre_z);
         const auto place = hn::Set(d, position << 13);
-        for (size_t g = 0; g < block; g += lanes) {
+        for (size_t g = 0; g < block; g += lanes()) {
             const V at = hn::LoadU(f, q(u) + g);
-            hn::StoreU(beside ? key_vector<true>(at, gain, centre_z, place)
-                              : key_vector<false>(at, gain, centre_z, place),
-                       d, s.key[u % 2] + g);
+            const auto key = w_.rule.centre_z == 0 ? key_vector<true>(at, gain, centre_z, place)
+                                                   : key_vector<false>(at, gain, centre_z, place);
+            hn::StoreU(key, d, s_.key[u % 2] + g);
         }
-    };
-    const auto mask_of = [&](uint32_t bits) {
-        const uint8_t bytes[8] = {uint8_t(bits), uint8_t(bits >> 8)};
-        return hn::LoadMaskBits(d, bytes);
-    };
-    constexpr size_t zero = 8;
-    for (size_t u = zero - 3; u < zero; ++u) sample_across(w, major_of(u), q(u));
-    uint32_t inside = sample_across(w, major_of(zero), q(zero));
-    uint32_t inside_next = sample_across(w, major_of(zero + 1), q(zero + 1));
-    uint32_t torn = tears_of(zero - 2), torn_behind = tears_of(zero - 1);
-    keys_of(zero - 1);
-    // A line that goes on from another one's horizon knows the surface it comes from, too.
-    for (size_t g = 0; g < block; g += lanes) {
-        const auto key = hn::LoadU(d, s.key[(zero - 1) % 2] + g), highest = hn::LoadU(d, s.highest + g);
-        const V at = hn::LoadU(f, q(zero - 1) + g);
-        const auto valid = hn::RebindMask(d, hn::Eq(at, at));
-        hn::StoreU(hn::IfThenElse(valid, hn::Max(highest, key), highest), d, s.highest + g);
     }
-    uint32_t begun = s.known;
-    for (size_t u = zero; u < zero + size_t(w.count); ++u) {
-        const uint32_t inside_far = sample_across(w, major_of(u + 2), q(u + 2));
-        const uint32_t torn_beyond = torn;
-        torn = torn_behind, torn_behind = tears_of(u);
-        keys_of(u);
-        const int32_t *key_at = s.key[u % 2], *start_at = s.key[(u + 1) % 2];
-        const uint32_t goes_on = ~torn & begun & inside;
-        if (goes_on == every_line) {
-            bool rises = true;  // as far as V sees them
-            for (size_t g = 0; g < block; g += lanes) {
-                const auto key = hn::LoadU(d, key_at + g), start = hn::LoadU(d, start_at + g);
-                const auto highest = hn::LoadU(d, s.highest + g);
-                rises = rises && hn::AllTrue(d, hn::And(hn::Eq(start, highest), hn::Gt(key, start)));
-            }
-            if (rises) {
-                for (size_t g = 0; g < block; g += lanes) hn::StoreU(hn::LoadU(d, key_at + g), d, s.highest + g);
-                begun = inside, inside = inside_next, inside_next = inside_far;
-                continue;
-            }
+
+    /// A line that goes on from another one's horizon knows the surface that it comes from, too.
+    HWY_INLINE void go_on() {
+        for (size_t g = 0; g < block; g += lanes()) {
+            const auto key = hn::LoadU(d, s_.key[(zero - 1) % 2] + g), highest = hn::LoadU(d, s_.highest + g);
+            const V at = hn::LoadU(f, q(zero - 1) + g);
+            const auto valid = hn::RebindMask(d, hn::Eq(at, at));
+            hn::StoreU(hn::IfThenElse(valid, hn::Max(highest, key), highest), d, s_.highest + g);
         }
-        uint32_t plain = 0, occluded = 0, unknown = 0;
-        for (size_t g = 0; g < block; g += lanes) {
+    }
+
+    /// Whether all lines, none of which is torn here, rise from their highest key: V sees them, and nothing else is
+    /// new.
+    HWY_INLINE bool all_rise(size_t u) {
+        const int32_t *key_at = s_.key[u % 2], *start_at = s_.key[(u - 1) % 2];
+        for (size_t g = 0; g < block; g += lanes()) {
             const auto key = hn::LoadU(d, key_at + g), start = hn::LoadU(d, start_at + g);
-            const auto highest = hn::LoadU(d, s.highest + g);
-            const auto gap_low = hn::LoadU(d, s.gap_low + g), gap_high = hn::LoadU(d, s.gap_high + g);
-            // V sees the surface that rises from the highest key; above all gaps one comparison tells, too.
-            const auto grows = hn::Gt(key, start), above = hn::Gt(key, highest), below = hn::Lt(key, highest);
-            const auto rises = hn::And(hn::Eq(start, highest), grows);
-            const auto apart = hn::Gt(hn::Min(key, start), gap_high);
-            // A hidden surface that rises towards the highest gap, or within it from its lower end.
-            const auto below_gap = hn::LoadU(d, s.below_gap + g);
-            const auto to_gap = hn::And(hn::And(grows, below), hn::And(hn::Gt(start, below_gap),
-                                                                       hn::And(hn::Lt(start, gap_low), hn::Lt(key, gap_high))));
-            const uint32_t hidden = no_error ? bits_of(d, hn::Or(to_gap, hn::And(apart, below))) << g & goes_on : 0;
-            const uint32_t seen = bits_of(d, hn::Or(rises, hn::And(apart, above))) << g & goes_on;
-            const uint32_t filled = hidden & bits_of(d, hn::AndNot(hn::Lt(key, gap_low), to_gap)) << g;
-            occluded |= hidden & ~filled, unknown |= filled;
-            plain |= hidden | seen;
-            hn::StoreU(hn::IfThenElse(mask_of(seen >> g), key, highest), d, s.highest + g);
-            hn::StoreU(hn::IfThenElse(mask_of(filled >> g), hn::Add(key, hn::Set(d, 1)), gap_low), d, s.gap_low + g);
+            const auto highest = hn::LoadU(d, s_.highest + g);
+            if (!hn::AllTrue(d, hn::And(hn::Eq(start, highest), hn::Gt(key, start)))) return false;
         }
-        const uint32_t rest = inside & ~plain;
-        if (rest) {
-            const uint32_t answers =
-                w.decide(w.self, {u, major_of(u), float(position_of(u)), torn_behind, torn, torn_beyond, begun}, rest);
-            occluded |= answers & every_line, unknown |= answers >> Bundle::lines;
-        }
-        if (occluded | unknown) w.put(w.self, major_of(u), occluded, unknown);
-        begun = inside, inside = inside_next, inside_next = inside_far;
+        for (size_t g = 0; g < block; g += lanes()) hn::StoreU(hn::LoadU(d, key_at + g), d, s_.highest + g);
+        return true;
     }
-    s.known = begun;
+
+    /// What `Horizon::pass` answers for those of the joined lines of which comparisons tell.
+    HWY_INLINE Answers compare(size_t u, uint32_t joined) {
+        const int32_t *key_at = s_.key[u % 2], *start_at = s_.key[(u - 1) % 2];
+        Answers answers;
+        for (size_t g = 0; g < block; g += lanes()) {
+            const auto key = hn::LoadU(d, key_at + g), start = hn::LoadU(d, start_at + g);
+            const auto highest = hn::LoadU(d, s_.highest + g), below_gap = hn::LoadU(d, s_.below_gap + g);
+            const auto gap_low = hn::LoadU(d, s_.gap_low + g), gap_high = hn::LoadU(d, s_.gap_high + g);
+            const auto rises = hn::Gt(key, start), above = hn::Gt(key, highest), below = hn::Lt(key, highest);
+            const auto over_gaps = hn::Gt(hn::Min(key, start), gap_high);
+            const auto seen = hn::Or(hn::And(rises, hn::Eq(start, highest)), hn::And(over_gaps, above));
+            // A hidden surface that rises towards the highest gap, or in it from its lower end.
+            const auto apart =
+                hn::And(hn::Gt(start, below_gap), hn::And(hn::Lt(start, gap_low), hn::Lt(key, gap_high)));
+            const auto to_gap = hn::And(hn::And(rises, below), apart);
+            const auto hidden = hn::Or(to_gap, hn::And(over_gaps, below));
+            const auto in_gap = hn::AndNot(hn::Lt(key, gap_low), to_gap);
+            const uint32_t here = joined >> g, occluded = no_error_ ? bits_of(d, hidden) & here : 0;
+            const uint32_t visible = bits_of(d, seen) & here, unknown = occluded & bits_of(d, in_gap);
+            hn::StoreU(hn::IfThenElse(mask_of(visible), key, highest), d, s_.highest + g);
+            hn::StoreU(hn::IfThenElse(mask_of(unknown), hn::Add(key, hn::Set(d, 1)), gap_low), d, s_.gap_low + g);
+            answers.known |= (visible | occluded) << g;
+            answers.occluded |= (occluded & ~unknown) << g;
+            answers.unknown |= unknown << g;
+        }
+        return answers;
+    }
+};
+
+void walk(const BundleWalk& w, Bundle& s) {
+    Walk(w, s).run();
 }
 
 const Kernels table = {&inverse, &inverse_reversed, &keys, &pixels, &inverse_columns, &mark_row, &walk};

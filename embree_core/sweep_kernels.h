@@ -12,6 +12,8 @@ namespace vshift::sweep {
 inline constexpr size_t padding = 64;
 /// Keys are in 1 / key_scale pixels; nothing is nearer than this disparity.
 inline constexpr float key_scale = 8192, largest_disparity_px = 65536;
+/// 1/z above this is a surface; a sky pixel's is 0 or, with its mark, a denormal.
+inline constexpr float least_solid = 1e-20f;
 /// The key of what reaches to the camera's centre.
 inline constexpr int32_t top_key = (1 << 30) + (1 << 20);
 
@@ -36,10 +38,11 @@ struct Linear {
     float a, b, c;
 };
 
-/// How a pixel's own point lies to V: for `outside` and `unseen`. A frustum's sides that no pixel can leave are left out.
+/// How a pixel's own point lies to V: for `outside` and `unseen`. A frustum's sides that no pixel can leave are left
+/// out.
 struct PixelRule {
-    /// A side of V's frustum: the pixel's point lies beyond it where z * at + move < 0 (`strict`: where it is 0 too); the
-    /// sky, where at < 0.
+    /// A side of V's frustum: the pixel's point lies beyond it where z * at + move < 0 (`strict`: where it is 0 too);
+    /// the sky, where at < 0.
     struct Outside {
         Linear at;
         float move;
@@ -59,10 +62,13 @@ struct PixelRule {
 /// pass, which goes away from V.
 struct Bundle {
     static constexpr size_t lines = 16, kept = 8;
-    alignas(64) float q[kept][lines];  ///< 1/z of sample u is in q[u mod kept]; NaN outside the image
+    alignas(64) float q[kept][lines];        ///< 1/z of sample u is in q[u mod kept]; NaN outside the image
+    alignas(64) int32_t pixel[kept][lines];  ///< that it lies in, across the lines
+    alignas(64) float within[kept][lines];   ///< how far, 0 to 1
+    uint32_t torn_across[kept];              ///< a bit where the pixel is, or may be, torn from the next nearest one
     alignas(64) int32_t key[2][lines];
-    alignas(64) int32_t highest[lines];   ///< of `Horizon`
-    alignas(64) int32_t gap_low[lines];   ///< its highest gap; the least number where there is none
+    alignas(64) int32_t highest[lines];  ///< of `Horizon`
+    alignas(64) int32_t gap_low[lines];  ///< its highest gap; the least number where there is none
     alignas(64) int32_t gap_high[lines];
     alignas(64) int32_t below_gap[lines];  ///< the highest key of the gaps below that one, or the least number
     uint32_t known = 0;                    ///< a bit for each line whose pass has begun
@@ -70,24 +76,26 @@ struct Bundle {
 
 /// Where a bundle stands: sample u of its lines, at `major`.
 struct BundlePlace {
-    size_t u;  ///< 8 more than the sample's number, so that those before it have one too
+    size_t u;  ///< of `Bundle::q` and `Bundle::key`
     int major;
     float position;
     uint32_t torn_behind, torn, torn_beyond;  ///< a bit per line, as in `Around`
+    uint32_t crossing;                        ///< lines that come from another row of pixels over a tear between rows
     uint32_t begun;                           ///< lines that the pass had reached before this sample
 };
 
 /// A pass along a bundle, from major `first` on in steps of `step`.
 struct BundleWalk {
-    LineRule rule;  ///< sample 0 is that of the first major on the way to V
+    LineRule rule;       ///< sample 0 is that of the first major on the way to V
     const float* image;  ///< 1/z marked by `mark_row`; rows lie across the lines, with room as for `row_room`
     ptrdiff_t stride;
     int majors, minors;
-    int begin, end;  ///< the majors that may be read
+    int begin, end;                  ///< the majors that may be read
     const double *origin, *spacing;  ///< per major: line j of the fan is at origin + j spacing
     double number, unit;             ///< of the bundle's first line, and from one to the next
     int first, step, count;
-    /// Answers the lines of `lanes`, for which it takes more than one comparison: occluded bits, and unknown ones << 16.
+    /// Answers the lines of `lanes`, for which it takes more than some comparisons: occluded bits, and unknown ones
+    /// << 16.
     uint32_t (*decide)(void* self, const BundlePlace& place, uint32_t lanes);
     /// Takes the answers at one major, if any bit is set.
     void (*put)(void* self, int major, uint32_t occluded, uint32_t unknown);
@@ -97,12 +105,15 @@ struct BundleWalk {
 /// Rows that are read across lines begin with this many elements to spare, and end with at least so many.
 inline constexpr int row_room = 24;
 
+/// A line this near the border of two pixels, where it is sampled, counts as between them.
+inline constexpr float between_pixels = 1e-3f;
+
 struct Kernels {
     /// q = 1/z of a row: 0 sky, NaN no measurement.
     void (*inverse)(const float* z, size_t n, float* q);
     void (*inverse_reversed)(const float* z, size_t n, float* q);
-    /// keys of samples 0..n-1; bit i of `torn` (16 to an element): samples i and i + 1 are not joined; bit i of `rising`:
-    /// they are, and the key of i is the greater.
+    /// keys of samples 0..n-1; bit i of `torn` (16 to an element): samples i and i + 1 are not joined; bit i of
+    /// `rising`: they are, and the key of i is the greater.
     void (*keys)(const LineRule& rule, const float* q, size_t n, int32_t* key, uint16_t* torn, uint16_t* rising);
     /// outside, unseen and unknown (no measurement) bits of a row of pixels, laid over `classes` (`reversed`: that run
     /// from the last pixel to the first). `out` may be `classes`, unless they are reversed.

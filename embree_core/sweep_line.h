@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Role: a pass along an epipolar line, from V's end back: what it knows at a place, how it goes on from one sample to the
-// next (`Horizon`), and the pass over a row of pixels (`RowSweep`). sweep.h says why one pass is enough.
+// Role: a pass along an epipolar line, from V's end back: what it knows at a place, how it goes on from one sample to
+// the next (`Horizon`), and the pass over a row of pixels (`RowSweep`). sweep.h says why one pass is enough.
 #pragma once
 #include <algorithm>
 #include <bit>
@@ -99,8 +99,12 @@ inline double free_from(const glm::dvec3& ray, const glm::dvec3& centre_m, doubl
     return z > 0 ? 1 / z : 0;
 }
 
-inline bool is_solid(float q) { return q > 1e-20f; }
-inline bool is_invalid(float q) { return !(q >= 0); }
+inline bool is_solid(float q) {
+    return q > least_solid;
+}
+inline bool is_invalid(float q) {
+    return !(q >= 0);
+}
 
 /// Sample i of a line and those beside it; V lies ahead.
 struct Around {
@@ -108,7 +112,10 @@ struct Around {
     bool torn_behind, torn, torn_beyond;  ///< samples i - 1, i and i + 1 from the next one
     int32_t key, key_ahead;               ///< of samples i and i + 1
     bool is_last = false;                 ///< no sample lies ahead
-    float tear_at = 0.5f;                 ///< how far from sample i to i + 1 a tear between them lies
+    /// How far from sample i to i + 1 its surface reaches if they are torn apart, and from where on that of sample i +
+    /// 1 does. Apart, there are two tears, whatever `torn` says, and between them a surface with 1/z `between`.
+    float tear = 0.5f, tear_ahead = 0.5f;
+    float between = 0;
 };
 
 /// What a pass knows at one place of a line: the highest key ahead and what only walls cover.
@@ -122,7 +129,7 @@ struct Horizon {
         int32_t start;  // of the surface that ends at the sample
         if (at.is_last)
             start = begin_at_border(rule, position, at, free_from);
-        else if (at.torn)
+        else if (at.torn || at.tear != at.tear_ahead)
             start = pass_tear(rule, position, at, free_from);
         else
             start = at.key_ahead;
@@ -193,28 +200,37 @@ private:
         return start;
     }
 
+    void raise_wall(int32_t top) {
+        if (top <= highest) return;
+        gaps.push(highest + 1, top);
+        highest = top;
+    }
+
     /// From sample i + 1 over its surface's end and the wall to where sample i's surface begins.
     template <class FreeFrom>
     int32_t pass_tear(const LineRule& rule, float position, const Around& at, const FreeFrom& free_from) {
         const bool halves = rule.reach == 0.5f;  // as in lift.h, both sides reach to the tear
-        const float share = halves ? at.tear_at : 0.5f, middle = position + share;
+        const float share = halves ? at.tear : 0.5f, share_ahead = halves ? at.tear_ahead : 0.5f;
+        const float middle = position + share, middle_ahead = position + share_ahead;
         int32_t far;
         if (is_solid(at.ahead)) {
-            far = far_edge(rule, position, at, halves ? 1 - share : rule.reach);
+            far = far_edge(rule, position, at, halves ? 1 - share_ahead : rule.reach);
             ask(at.key_ahead, far);
         } else {
-            far = is_invalid(at.ahead) ? wall_top(rule, middle, free_from) : key_of(rule, middle, 0);
+            far = is_invalid(at.ahead) ? wall_top(rule, middle_ahead, free_from) : key_of(rule, middle_ahead, 0);
+        }
+        if (share != share_ahead) {
+            const int32_t begin = key_of(rule, middle_ahead, at.between);
+            raise_wall(std::max(far, begin));
+            far = key_of(rule, middle, at.between);
+            ask(begin, far);
         }
         int32_t start;
         if (is_solid(at.here))  // with no reach it begins at the sample, and does not face away
             start = rule.reach == 0 ? at.key - 1 : near_edge(rule, position, at, halves ? share : rule.reach);
         else
             start = is_invalid(at.here) ? wall_top(rule, middle, free_from) : key_of(rule, middle, 0);
-        const int32_t top = std::max(start, far);
-        if (top > highest) {
-            gaps.push(highest + 1, top);
-            highest = top;
-        }
+        raise_wall(std::max(start, far));
         return start;
     }
 };
@@ -288,7 +304,7 @@ public:
                 continue;
             }
             const size_t i = --end;
-            const Around around{q_[ptrdiff_t(i) - 1], q_[i],   q_[i + 1], q_[i + 2], i == 0 || torn(i - 1), torn(i),
+            const Around around{q_[ptrdiff_t(i) - 1], q_[i],  q_[i + 1],  q_[i + 2],  i == 0 || torn(i - 1), torn(i),
                                 torn(i + 1),          key[i], key[i + 1], i + 1 == n_};
             out[i] = horizon_.pass(rule_, float(i), around, free_from);
         }

@@ -234,6 +234,43 @@ TEST_CASE("sweep and tiles: a slanted near wall that covers a far one has no pin
     }
 }
 
+TEST_CASE("sweep and tiles: no epipolar line slips through a stair of pixels that meet at their corners",
+          "[sweep][field]") {
+    const Engine& engine = engines[GENERATE(0, 1)];
+    INFO(engine.name);
+    // Before a wall stand near pixels along a diagonal; V looks across it.
+    const int size = 120;
+    const double near = 4, far = 10;
+    DepthMap depth(size, size, float(far));
+    for (int i = 0; i < size; ++i) depth.at(i, i) = float(near);
+    const View r{{size, size, 120, 120, size * 0.5, size * 0.5}, Pose{}};
+    for (const glm::dvec3& by : {glm::dvec3(1.1, -0.85, 0), glm::dvec3(-1.1, 0.85, 0), glm::dvec3(0.7, -1.2, 0.3),
+                                 glm::dvec3(-0.8, 1, -0.2), glm::dvec3(1, -1, 0)}) {
+        View v = r;
+        v.world_from_cam.translation_m = by;
+        const RecordedMasks m = engine(r, v, depth);
+        INFO("V at " << by.x << " " << by.y << " " << by.z);
+        // V sees a point of the stair at the same place as the wall's points up to that at the way's end.
+        size_t asked = 0, slipped = 0;
+        for (double at = 35; at < 85; at += 0.25) {
+            const glm::dvec3 point = ray(r.intrinsics, {at, at}) * near;
+            const std::optional<glm::dvec2> behind =
+                project(r.intrinsics, by + (point - by) * ((far - by.z) / (near - by.z)));
+            REQUIRE(behind);
+            const glm::dvec2 way = *behind - glm::dvec2(at);
+            for (double share = 0.1; share < 0.9; share += 0.02) {
+                const glm::ivec2 pixel(glm::floor(glm::dvec2(at) + share * way));
+                if (std::abs(pixel.x - pixel.y) < 2) continue;
+                ++asked;
+                slipped += !m.occluded.at(pixel.x, pixel.y) && !m.unknown.at(pixel.x, pixel.y);
+            }
+        }
+        INFO(slipped << " of " << asked);
+        CHECK(asked > 1000);
+        CHECK(slipped == 0);
+    }
+}
+
 TEST_CASE("sweep and tiles: poles of 1 px, invalid depth, sky, nothing", "[sweep][field]") {
     const Engine& engine = engines[GENERATE(0, 1)];
     INFO(engine.name);
