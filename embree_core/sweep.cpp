@@ -78,7 +78,7 @@ double way(const Axis& axis, double at, double centre_z) {
     return axis.focal * axis.centre_m - (at - axis.middle) * centre_z;
 }
 
-// Sixteen lines then span no more than sixteen pixels, which `Kernels::walk` relies on.
+// Sixteen lines then span no more than sixteen pixels, which `walk` relies on.
 constexpr double least_lines_per_px = 1.1;
 
 /// Whether epipolar lines keep to the rows, at the image's corners too.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Role: the pass over a fan, sixteen lines at a time (`Kernels::walk`): what it knows of each between two levels, what
+// Role: the pass over a fan, sixteen lines at a time (`walk`): what it knows of each between two levels, what
 // takes more than comparisons, and the pixels.
 #include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
@@ -99,7 +99,7 @@ public:
             keep(k);
         }
         walk_.first = first, walk_.count = count;
-        kernels().walk(walk_, bundle_);
+        walk(walk_, bundle_);
         for (size_t k = 0; k < Bundle::lines; ++k) {
             known[k] = count == whole && (bundle_.known >> k & 1);
             give_back(k);

@@ -62,10 +62,10 @@ struct PixelRule {
 /// pass, which goes away from V.
 struct Bundle {
     static constexpr size_t lines = 16, kept = 8;
-    alignas(64) float q[kept][lines];        ///< 1/z of sample u is in q[u mod kept]; NaN outside the image
-    alignas(64) int32_t pixel[kept][lines];  ///< that it lies in, across the lines
-    alignas(64) float within[kept][lines];   ///< how far, 0 to 1
-    uint32_t torn_across[kept];              ///< a bit where the pixel is, or may be, torn from the next nearest one
+    alignas(64) float q[kept][lines];  ///< 1/z of sample u is in q[u mod kept]; NaN outside the image
+    int32_t row[kept];                 ///< where they lie across the lines: half a pixel past this one,
+    float past_row[kept], step[kept];  ///< so much on, and from one line to the next
+    uint32_t torn_across[kept];        ///< a bit where the pixel is, or may be, torn from the next nearest one
     alignas(64) int32_t key[2][lines];
     alignas(64) int32_t highest[lines];  ///< of `Horizon`
     alignas(64) int32_t gap_low[lines];  ///< its highest gap; the least number where there is none
@@ -126,9 +126,10 @@ struct Kernels {
     /// q of a row with its lowest bit set where a pixel is torn from the next one. `q` has values or NaN two elements
     /// before and after, and both rows room for a vector after that.
     void (*mark_row)(const float* q, size_t n, const TearRule& tear, float* marked);
-    void (*walk)(const BundleWalk& walk, Bundle& bundle);
 };
 
 const Kernels& kernels();
+
+void walk(const BundleWalk& walk, Bundle& bundle);
 
 }  // namespace vshift::sweep
