@@ -83,20 +83,27 @@ private:
         hwy::Prefetch(p + block);
     }
 
-    /// The pixel that sample u of each line lies past the middle of, and how far, 0 to 1.
-    HWY_INLINE void across(size_t u, size_t g, hn::Vec<I>& upper, V& share) const {
+    /// Where sample u of each line lies: past the middle of the `floor`-th pixel from `Bundle::row`, and how far, 0
+    /// to 1.
+    HWY_INLINE void across(size_t u, size_t g, V& floor, V& share) const {
         const size_t at_u = u % Bundle::kept;
         const V lane = hn::ConvertTo(f, hn::Iota(d, int32_t(g)));
         const V v = hn::Add(hn::Set(f, s_.past_row[at_u]), hn::Mul(lane, hn::Set(f, s_.step[at_u])));
-        const V floor = hn::Floor(v);
+        floor = hn::Floor(v);
         share = hn::Sub(v, floor);
-        upper = hn::Add(hn::ConvertTo(d, floor), hn::Set(d, s_.row[at_u]));
+    }
+    /// Of whole numbers from 0 to 2^23, in two operations.
+    static HWY_INLINE hn::Vec<I> whole(V number) {
+        const V shift = hn::Set(f, 8388608.0f);
+        return hn::Sub(hn::BitCast(d, hn::Add(number, shift)), hn::BitCast(d, shift));
     }
     /// The pixel that it lies in, and how far, 0 to 1.
     HWY_INLINE void pixel(size_t u, size_t g, hn::Vec<I>& row, V& within) const {
-        across(u, g, row, within);
+        V floor;
+        across(u, g, floor, within);
         const V half = hn::Set(f, 0.5f);
         const auto in_next = hn::Ge(within, half);
+        row = hn::Add(whole(floor), hn::Set(d, s_.row[u % Bundle::kept]));
         row = hn::Add(row, hn::IfThenElseZero(hn::RebindMask(d, in_next), hn::Set(d, 1)));
         within = hn::IfThenElse(in_next, hn::Sub(within, half), hn::Add(within, half));
     }
@@ -122,13 +129,13 @@ private:
         const bool within = base >= 0 && base + int(block) < w_.minors;  // as no two lines are a pixel apart
         uint32_t inside = within ? every_line : 0;
         for (size_t g = 0; g < block; g += lanes()) {
-            hn::Vec<I> upper;
-            V share;
-            across(u, g, upper, share);
+            V floor, share;
+            across(u, g, floor, share);
             // The pixels on either side are neighbours in memory: one load has those of all lines.
-            const int32_t left = std::clamp(hn::GetLane(upper), -1, w_.minors - 1);
-            const auto index =
-                hn::Min(hn::Max(hn::Sub(upper, hn::Set(d, left)), hn::Zero(d)), hn::Set(d, int32_t(lanes()) - 1));
+            const int32_t first = base + int32_t(s_.past_row[at_u] + float(g) * s_.step[at_u]);
+            const int32_t left = within ? first : std::clamp(first, -1, w_.minors - 1);
+            auto index = hn::Add(whole(floor), hn::Set(d, base - left));
+            if (!within) index = hn::Min(hn::Max(index, hn::Zero(d)), hn::Set(d, int32_t(lanes()) - 1));
             const auto pick = hn::IndicesFromVec(f, index);
             const V a = hn::TableLookupLanes(hn::LoadU(f, row + left), pick);
             const V b = hn::TableLookupLanes(hn::LoadU(f, row + left + 1), pick);
@@ -142,7 +149,7 @@ private:
             V value = hn::IfThenElse(torn, own, between);
             if (!within) {
                 // A line along the border counts.
-                const V place = hn::Add(hn::ConvertTo(f, upper), share);
+                const V place = hn::Add(hn::Add(floor, hn::Set(f, float(base))), share);
                 const auto in = hn::And(hn::Ge(place, hn::Set(f, -0.5f - between_pixels)),
                                         hn::Le(place, hn::Set(f, float(w_.minors) - 0.5f + between_pixels)));
                 value = hn::IfThenElse(in, value, nan);
