@@ -127,11 +127,13 @@ void Sweeper::classes(const SweepCamera& camera, const DepthMap& depth, Grid<uin
     Buffers& b = *buffers_;
     plan(x, y, c.z, std::max(camera.lines_per_px, least_lines_per_px), b.fans);
     std::fill(out.data.begin(), out.data.end(), uint8_t(0));
-    for (Fan& fan : b.fans) {
+    for (const Fan& fan : b.fans) b.marked[fan.transposed].make_room(fan);
+    tbb::parallel_for(size_t(0), b.fans.size(), [&](size_t i) {
+        Fan& fan = b.fans[i];
         MarkedImage& marked = b.marked[fan.transposed];
         marked.fill(fan, depth, tear_rule(camera.rules, (fan.transposed ? k.fx : k.fy) * baseline));
         sweep_fan(camera, marked, fan, out);
-    }
+    });
     tbb::parallel_for(tbb::blocked_range<int>(0, k.height, 8), [&](const tbb::blocked_range<int>& range) {
         for (int row = range.begin(); row < range.end(); ++row) {
             uint8_t* target = &out.data[size_t(row) * width];

@@ -110,10 +110,13 @@ void plan(const Axis& x, const Axis& y, double centre_z, double density, std::ve
     fans.resize(count);
 }
 
-void MarkedImage::fill(const Fan& fan, const DepthMap& depth, const TearRule& tear) {
+void MarkedImage::make_room(const Fan& fan) {
     stride_ = fan.minors + 2 * row_room;
-    const size_t width = size_t(depth.width);
     if (const size_t needed = size_t(fan.majors) * size_t(stride_); room_.size() < needed) room_.resize(needed);
+}
+
+void MarkedImage::fill(const Fan& fan, const DepthMap& depth, const TearRule& tear) {
+    const size_t width = size_t(depth.width);
     // Some rows at a time, first without marks.
     constexpr int band = 16;
     tbb::enumerable_thread_specific<std::vector<float>> rooms(

@@ -51,7 +51,9 @@ void plan(const Axis& x, const Axis& y, double centre_z, double density, std::ve
 /// 1/z of an image with its tears marked (`Kernels::mark_row`), in rows across a fan's lines.
 class MarkedImage {
 public:
-    /// What the fan reads of the depth map.
+    /// For fans along this one's axis.
+    void make_room(const Fan& fan);
+    /// What the fan reads of the depth map. Two fans along one axis may be filled at once: they read other majors.
     void fill(const Fan& fan, const DepthMap& depth, const TearRule& tear);
     const float* row(int major) const { return room_.data() + row_room + ptrdiff_t(major) * stride_; }
     ptrdiff_t stride() const { return stride_; }
