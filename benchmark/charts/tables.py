@@ -69,6 +69,18 @@ def sampling(bench):
     return table(("depth samples per pixel", "F1 shell", "boundary F1", "F1 scene"), rows)
 
 
+def upright(bench):
+    group = [r for r in bench["accuracy"] if r["method"] == "sweep" and r["camera"] in ("CAM_FRONT", "CAM_BACK")
+             and r["shift"].startswith("0,")]
+    right = sum(r["shell"]["tp"] for r in group)
+    wrong = sum(r["shell"]["fp"] + r["shell"]["fn"] for r in group)
+    rows = [("all", wrong, "100%", f"{f1((right, wrong)):.4f}")]
+    for length in group[0]["shell"]["wrong_upright_px"]:
+        px = sum(r["shell"]["wrong_upright_px"][length] for r in group)
+        rows.append((f"in columns of {length} and more", px, f"{px / wrong:.0%}", f"{f1((right, px)):.4f}"))
+    return table(("wrong pixels", "number", "share", "F1 shell if all others were right"), rows)
+
+
 def agreement(bench):
     rows = []
     for row in bench["agreement"]:
@@ -112,6 +124,8 @@ PARTS = (
      "cameras.", edges),
     ("Sampling", "The same pixels answered from depth that is sampled more finely: what one sample a pixel costs, "
      "whatever the method. 2 m left and 2 m ahead, two cameras.", sampling),
+    ("Upright silhouettes", "Where the sweep is wrong along rows, front and back camera: what stands upright runs along a "
+     "column, and no sample tells where between two columns. Columns are of pixels that are wrong the same way.", upright),
     ("Sweep against Embree", "`occluded` of both; the picture is differences.png.", agreement),
     ("Tiles against the full mesh", "`occluded` from the height field in tiles and from the mesh of full resolution; what "
      "the ray tracer holds for the tiles, their cells included, for the mesh collapsed to 0.02 px and for the full one, "

@@ -133,6 +133,22 @@ ordered_json noise_row(const std::string& method, const Case& c, const Grid<uint
     return row;
 }
 
+/// Wrong pixels in columns of at least `rows` that are wrong the same way: what stands upright before an upright camera
+/// runs along a column, and no sample tells where between two columns.
+uint64_t wrong_upright(const Case& c, const Grid<uint8_t>& classes, int rows) {
+    const auto error = [&](int x, int y) {
+        const bool got = classes.at(x, y) & occluded_bit, right = c.truth.at(x, y) & VSHIFT_TRUTH_SHELL_SELF;
+        return c.truth.at(x, y) & VSHIFT_TRUTH_OUTSIDE ? 0 : int(got) - int(right);
+    };
+    uint64_t wrong = 0;
+    for (int x = 0; x < classes.width; ++x)
+        for (int y = 0, end; y < classes.height; y = end) {
+            for (end = y + 1; end < classes.height && error(x, end) == error(x, y);) ++end;
+            if (error(x, y) && end - y >= rows) wrong += uint64_t(end - y);
+        }
+    return wrong;
+}
+
 /// Every method on one case; sweep against Embree; 1 thread against 2; noise where it is asked for.
 void run_case(Bench& bench, Case c, const std::vector<Method>& methods) {
     std::vector<Result> results(methods.size());
@@ -144,6 +160,10 @@ void run_case(Bench& bench, Case c, const std::vector<Method>& methods) {
     tbb::parallel_for(size_t(0), methods.size(), [&](size_t i) {
         rows[i] = row_head(methods[i].name, c);
         rows[i].update(score_classes(c, results[i].classes, methods[i].certifies));
+        if (methods[i].name == "sweep")
+            for (const int length : {8, 16, 32})
+                rows[i]["shell"]["wrong_upright_px"][std::to_string(length)] =
+                    wrong_upright(c, results[i].classes, length);
         if (results[i].triangles) rows[i]["triangles"] = results[i].triangles;
         if (results[i].tiles) rows[i]["tiles"] = results[i].tiles;
         if (results[i].bvh_bytes) rows[i]["bvh_bytes"] = results[i].bvh_bytes;

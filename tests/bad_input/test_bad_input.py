@@ -285,18 +285,26 @@ class Stops(unittest.TestCase):
             lock.wait()
 
     def kill_often(self, seed):
-        """10 kills at random moments of a set of 12, then a rerun that completes it; returns how many came in time."""
+        """10 kills of a set of 12 at random moments after a random number of masks, then a rerun that completes it; returns
+        how many came in time."""
         b = fresh()
         b.manifest()
         began = time.monotonic()
         self.assertEqual(run(EVERYTHING, b.folder), (0, "", ""))
-        full_s = time.monotonic() - began
+        item_s = (time.monotonic() - began) / ITEMS
         shutil.rmtree(b / "masks")
         b.manifest()
         moments, in_time = random.Random(seed), 0
+
+        def made():
+            return len(list(b.folder.glob("masks/self/*/*/*.exr")))
+
         for _ in range(10):
+            enough = moments.randrange(made(), ITEMS)
             child = start(EVERYTHING.split(), b.folder)
-            time.sleep(moments.uniform(0.4, 1.0) * full_s)
+            while made() < enough and child.poll() is None:
+                time.sleep(0.001)
+            time.sleep(moments.uniform(0, 1) * item_s)
             child.kill()
             child.communicate()
             in_time += child.returncode == -signal.SIGKILL
