@@ -80,8 +80,8 @@ public:
     /// Lines `first_line` and on of the stretch, in its level's numbers. `horizons` and `known` are what was known of
     /// each before, and what is after.
     void run(const Stretch& stretch, int first_line, Horizon* horizons, uint8_t* known) {
-        first_line_ = first_line, level_ = stretch.level;
-        walk_.number = std::ldexp(first_line, level_), walk_.unit = std::ldexp(1, level_);
+        first_line_ = first_line;
+        walk_.number = std::ldexp(first_line, stretch.level), walk_.unit = std::ldexp(1, stretch.level);
         int first = stretch.first, count = stretch.count;
         // Only where the bundle is in the image: from one major to another.
         while (count > 0 && !in_image(first)) first += walk_.step, --count;
@@ -114,7 +114,7 @@ private:
     BundleWalk walk_;
     Bundle bundle_;
     Horizon* horizons_ = nullptr;
-    int first_line_ = 0, level_ = 0;
+    int first_line_ = 0;
 
     /// Where one of the bundle's lines is at a major.
     double minor_of(double line, int major) const {
